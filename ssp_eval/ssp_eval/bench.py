@@ -99,7 +99,7 @@ def run_benchmark(folder: Path, name: str, long: bool) -> list[dict[str, Any]]:
         PeerError: it failed; the message ends with its last lines.
     """
     path = os.pathsep.join(filter(None, (str(folder.parents[1]), os.environ.get("PYTHONPATH"))))
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, file_of(name)],
         cwd=folder,
         capture_output=True,
@@ -107,10 +107,10 @@ def run_benchmark(folder: Path, name: str, long: bool) -> list[dict[str, Any]]:
         check=False,
         env={**os.environ, "PYTHONPATH": path, "SSP_BENCH_LONG": "1" if long else ""},
     )
-    if done.returncode != 0:
-        tail = "\n".join(done.stderr.splitlines()[-10:])
-        raise PeerError(f"benchmark {name} failed with status {done.returncode}\n{tail}")
-    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    if process.returncode != 0:
+        tail = "\n".join(process.stderr.splitlines()[-10:])
+        raise PeerError(f"benchmark {name} failed with status {process.returncode}\n{tail}")
+    return [json.loads(line) for line in process.stdout.splitlines() if line.startswith("{")]
 
 
 def measure(folder: Path, name: str, long: bool) -> list[Figure]:
@@ -118,16 +118,16 @@ def measure(folder: Path, name: str, long: bool) -> list[Figure]:
     runs = [run_benchmark(folder, name, long)]
     while len(runs) < MOST_RUNS and not all(figure["kept"] for run in runs for figure in run):
         runs.append(run_benchmark(folder, name, long))
-    return [Figure(found) for found in zip(*runs, strict=True)]
+    return [Figure(repeats) for repeats in zip(*runs, strict=True)]
 
 
 def row(figure: Figure, notes: bool) -> str:
     """Return a figure as a line of at most 80 columns; misses and notes stand on lines below."""
-    told = figure.told
-    name = told["name"].split(": ", 1)[-1]
-    ours = f"{told['ours']:.4g} {told['unit']}"
-    ratio = "" if told["ratio"] is None else f"x {told['ratio']:.2f}"
-    limit = (told["limit"] or "").removesuffix(f" {told['unit']}")
+    median = figure.told
+    name = median["name"].split(": ", 1)[-1]
+    ours = f"{median['ours']:.4g} {median['unit']}"
+    ratio = "" if median["ratio"] is None else f"x {median['ratio']:.2f}"
+    limit = (median["limit"] or "").removesuffix(f" {median['unit']}")
     values = f"{ours:<17} {ratio:<7} {figure.verdict:<6} {limit}".rstrip()
     if len(name) > NAME_COLUMNS:
         lines = [f"  {name}", f"  {'':{NAME_COLUMNS}} {values}"]
@@ -137,13 +137,13 @@ def row(figure: Figure, notes: bool) -> str:
         each = ", ".join(f"{run['ours']:.4g}" for run in figure.runs)
         ratios = ", ".join(f"{run['ratio']:.2f}" for run in figure.runs if run["ratio"] is not None)
         lines.append(
-            f"      missed in {figure.missed} of {len(figure.runs)} runs: {each} {told['unit']}"
+            f"      missed in {figure.missed} of {len(figure.runs)} runs: {each} {median['unit']}"
             + (f"; ratios {ratios}" if ratios else "")
         )
     if notes:
-        if told["bound"] is not None:
-            lines.append(f"      bound: {told['bound']:.4g} {told['unit']}")
-        lines += click.wrap_text(told["note"], WIDTH, "      ", "      ").splitlines()
+        if median["bound"] is not None:
+            lines.append(f"      bound: {median['bound']:.4g} {median['unit']}")
+        lines += click.wrap_text(median["note"], WIDTH, "      ", "      ").splitlines()
     return "\n".join(lines)
 
 
@@ -168,34 +168,34 @@ def bench(names: Sequence[str], long: bool, notes: bool, as_json: bool) -> int:
     root = os.environ.get("SSP_ROOT")
     if root is None or not (Path(root) / "tests" / "bench").is_dir():
         raise HostError("the benchmarks need the source checkout: start them with ./ssp bench")
-    kept = True
-    chosen = tuple(names) or BENCHMARKS
+    is_within_limits = True
+    selection = tuple(names) or BENCHMARKS
     lacking = [
-        name for name in chosen if name in NEED_BROWSER and not any(map(shutil.which, BROWSERS))
+        name for name in selection if name in NEED_BROWSER and not any(map(shutil.which, BROWSERS))
     ]
     if lacking:
         why = f"there is no browser ({', '.join(BROWSERS)}): apt-get install chromium"
         if names:
             raise HostError(f"{', '.join(lacking)}: {why}")
         console.note(f"{why}; left out: {', '.join(lacking)}")
-        chosen = tuple(name for name in chosen if name not in lacking)
-    lacking = [name for name in chosen if name in NEED_CARLA and find_spec("carla") is None]
+        selection = tuple(name for name in selection if name not in lacking)
+    lacking = [name for name in selection if name in NEED_CARLA and find_spec("carla") is None]
     if lacking:
         why = "CARLA's client isn't installed (docs/carla.md)"
         if names:
             raise HostError(f"{', '.join(lacking)}: {why}")
         console.note(f"{why}; left out: {', '.join(lacking)}")
-        chosen = tuple(name for name in chosen if name not in lacking)
-    with console.progress("bench", len(chosen)) as bar:
-        for name in chosen:
+        selection = tuple(name for name in selection if name not in lacking)
+    with console.progress("bench", len(selection)) as bar:
+        for name in selection:
             bar.update(bar.task_ids[0], description=f"bench {name}")
-            found = measure(Path(root) / "tests" / "bench", name, long)
-            kept = kept and all(figure.kept for figure in found)
+            figures = measure(Path(root) / "tests" / "bench", name, long)
+            is_within_limits = is_within_limits and all(figure.kept for figure in figures)
             if as_json:
-                for figure in found:
-                    told = figure.told | {"kept": figure.kept, "runs": len(figure.runs)}
-                    click.echo(json.dumps(told | {"missed": figure.missed}))
+                for figure in figures:
+                    record = figure.told | {"kept": figure.kept, "runs": len(figure.runs)}
+                    click.echo(json.dumps(record | {"missed": figure.missed}))
             else:
-                click.echo("\n".join([name, *(row(figure, notes) for figure in found)]))
+                click.echo("\n".join([name, *(row(figure, notes) for figure in figures)]))
             bar.advance(bar.task_ids[0])
-    return 0 if kept else 1
+    return 0 if is_within_limits else 1

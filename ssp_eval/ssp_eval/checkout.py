@@ -62,9 +62,9 @@ def _checks(
         ("lint", ["ruff", "check", "."]),
         ("types", ["mypy", *PACKAGES]),
     ]
-    chosen = [*pytest, *(QUICK if quick else ())]
+    test_command = [*pytest, *(QUICK if quick else ())]
     if arguments:
-        return [*checks, ("tests", [*chosen, *arguments])]
+        return [*checks, ("tests", [*test_command, *arguments])]
     # Tests of nodes wait for processes more than they work: two workers more than there are
     # processors. A worker takes whole files, since what a file's tests share is made once then.
     at_once = str((os.cpu_count() or 1) + 2)
@@ -72,7 +72,7 @@ def _checks(
         *checks,
         ("tools of the site", DOCS_TOOLS),
         ("site", [*MKDOCS, "build", "--strict", "--site-dir", "log/site"]),
-        ("tests", [*chosen, *WHOLE_FILES, "-n", at_once]),
+        ("tests", [*test_command, *WHOLE_FILES, "-n", at_once]),
     ]
 
 
@@ -132,12 +132,12 @@ def _git(root: Path, *arguments: str) -> list[str]:
     """Run git, and split what it prints at its NUL bytes."""
     command = ["git", *arguments]
     try:
-        done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+        process = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     except FileNotFoundError as error:
         raise HostError("git, which says what changed, isn't installed") from error
-    if done.returncode != 0:
-        raise HostError(f"{' '.join(command)}: {done.stderr.strip()}")
-    return [file for file in done.stdout.split("\0") if file]
+    if process.returncode != 0:
+        raise HostError(f"{' '.join(command)}: {process.stderr.strip()}")
+    return [file for file in process.stdout.split("\0") if file]
 
 
 def changed_files(root: Path, since: str | None) -> list[str]:
@@ -151,11 +151,11 @@ def changed_files(root: Path, since: str | None) -> list[str]:
     if since is not None and since.startswith("-"):
         raise InputError(f"--since {since} is no commit", remedy="give a branch, a tag or a hash")
     for commit in [since] if since else ["HEAD", "HEAD~1"]:
-        found = _git(root, "diff", "--name-only", "-z", commit, "--")
-        found += _git(root, "ls-files", "--others", "--exclude-standard", "-z")
-        if found:
-            console.note(f"differing from {commit}: {len(found)} files")
-            return sorted(file for file in set(found) if (root / file).is_file())
+        files = _git(root, "diff", "--name-only", "-z", commit, "--")
+        files += _git(root, "ls-files", "--others", "--exclude-standard", "-z")
+        if files:
+            console.note(f"differing from {commit}: {len(files)} files")
+            return sorted(file for file in set(files) if (root / file).is_file())
     console.note("nothing differs")
     return []
 

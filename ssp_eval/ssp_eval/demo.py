@@ -94,12 +94,12 @@ class Progress:
 
     def kept(self, steps: Sequence[Step]) -> set[str]:
         """Return the names of the steps that are finished, with all that they need."""
-        kept: set[str] = set()
+        names: set[str] = set()
         for step in steps:
             unchanged = self.steps.get(step.name) == step.digest
-            if unchanged and kept.issuperset((*step.needs, *step.after)):
-                kept.add(step.name)
-        return kept
+            if unchanged and names.issuperset((*step.needs, *step.after)):
+                names.add(step.name)
+        return names
 
     def write(self) -> None:
         """Leave the marker."""
@@ -160,9 +160,9 @@ def _check_own(folder: Path) -> None:
     Raises:
         InputError: it can't be made, or holds something that no demonstration made.
     """
-    found = {entry.name for entry in make_folder(folder).iterdir()}
-    foreign = sorted(found - MADE)
-    if foreign or (found and not _is_ours(folder / MARKER)):
+    entries = {entry.name for entry in make_folder(folder).iterdir()}
+    foreign = sorted(entries - MADE)
+    if foreign or (entries and not _is_ours(folder / MARKER)):
         raise InputError(
             "holds something that no demonstration made",
             file=folder,
@@ -231,7 +231,7 @@ def follow(
     logs: Path,
     on_start: Callable[[Step, int], None],
     on_end: Callable[[Step], None],
-    kept: Collection[str] = (),
+    earlier_steps: Collection[str] = (),
 ) -> list[Gap]:
     """Run all steps; one that fails costs only those that need it.
 
@@ -244,7 +244,7 @@ def follow(
         logs: folder that gets command and output of each step.
         on_start: takes each step that begins, and its number, from 1.
         on_end: takes each step that was done.
-        kept: names of steps that were done before.
+        earlier_steps: names of steps that were done before.
 
     Returns:
         What is missing; empty when all steps are done.
@@ -252,8 +252,8 @@ def follow(
     Raises:
         PeerError: it was interrupted.
     """
-    waiting = [step for step in steps if step.name not in kept]
-    running, done, gaps = list[_Running](), set(kept), list[Gap]()
+    waiting = [step for step in steps if step.name not in earlier_steps]
+    running, completed_steps, gaps = list[_Running](), set(earlier_steps), list[Gap]()
     with on_stop_signals(_raise_interrupted):
         try:
             while waiting or running:
@@ -262,7 +262,7 @@ def follow(
                     waiting.remove(late)
                     gaps.append(Gap(late, f"needs {', '.join(sorted(failed & {*late.needs}))}"))
                 failed = {gap.step.name for gap in gaps}
-                while (step := _next(waiting, running, done, failed)) is not None:
+                while (step := _next(waiting, running, completed_steps, failed)) is not None:
                     waiting.remove(step)
                     on_start(step, len(steps) - len(waiting))
                     running.append(_start(step, logs))
@@ -272,7 +272,7 @@ def follow(
                     if (gap := _gap(one)) is not None:
                         gaps.append(gap)
                     else:
-                        done.add(one.step.name)
+                        completed_steps.add(one.step.name)
                         on_end(one.step)
                 if not ended and running:
                     time.sleep(_POLL_S)
@@ -287,13 +287,16 @@ def follow(
 
 
 def _next(
-    waiting: Sequence[Step], running: Sequence[_Running], done: set[str], failed: set[str]
+    waiting: Sequence[Step],
+    running: Sequence[_Running],
+    completed_steps: set[str],
+    failed: set[str],
 ) -> Step | None:
     """Return the first step that may start now; sessions first, since they take longest."""
     if len(running) >= AT_ONCE:
         return None
-    over = done | failed
-    ready = [s for s in waiting if done.issuperset(s.needs) and over.issuperset(s.after)]
+    over = completed_steps | failed
+    ready = [s for s in waiting if completed_steps.issuperset(s.needs) and over.issuperset(s.after)]
     sessions = [step for step in ready if step.session]
     if sessions and not any(one.step.session for one in running):
         return sessions[0]
@@ -366,17 +369,17 @@ def demo(scenarios: tuple[str, ...], out: Path, as_json: bool) -> int:
     given again, does what is missing.
     """
     started = time.monotonic()
-    chosen = list(dict.fromkeys(scenarios))
-    with own_folder(out, sha256_json([__version__, *chosen])) as progress:
+    unique_scenarios = list(dict.fromkeys(scenarios))
+    with own_folder(out, sha256_json([__version__, *unique_scenarios])) as progress:
         folder = progress.folder
         if folder != out:
             console.note(f"another demonstration works in {out}; this one goes to {folder}")
         console.note("the physical sessions are a software stand-in, not a vehicle")
         make_folder(folder / "clips")
-        steps = plan_steps(folder, chosen)
-        kept = progress.kept(steps)
-        if kept:
-            console.note(f"{len(kept)} of {len(steps)} steps were finished before")
+        steps = plan_steps(folder, unique_scenarios)
+        earlier_steps = progress.kept(steps)
+        if earlier_steps:
+            console.note(f"{len(earlier_steps)} of {len(steps)} steps were finished before")
 
         with console.progress("demo", len(steps)) as bar:
 
@@ -384,13 +387,13 @@ def demo(scenarios: tuple[str, ...], out: Path, as_json: bool) -> int:
                 progress.finish(step)
                 bar.advance(bar.task_ids[0])
 
-            bar.advance(bar.task_ids[0], len(kept))
+            bar.advance(bar.task_ids[0], len(earlier_steps))
             gaps = follow(
                 steps,
                 make_folder(folder / LOGS),
                 on_start=lambda step, number: _tell(bar, step, number, len(steps)),
                 on_end=on_end,
-                kept=kept,
+                earlier_steps=earlier_steps,
             )
         progress.wall_s = time.monotonic() - started
         progress.complete = not gaps

@@ -268,11 +268,11 @@ def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
         Step(
             "evaluate",
             "ask the bridges and score",
-            _asked(out, scenarios),
+            _evaluate_arguments(out, scenarios),
             after=tuple(
                 f"{scenario}/{one}" for scenario in scenarios for one in ("audit", "twins")
             ),
-            present=lambda: _asked(out, [s for s in scenarios if _is_audited(out, s)]),
+            present=lambda: _evaluate_arguments(out, [s for s in scenarios if _is_audited(out, s)]),
         ),
         Step(
             "report",
@@ -297,7 +297,7 @@ def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
     ]
 
 
-def _asked(out: Path, scenarios: Sequence[str]) -> tuple[str, ...]:
+def _evaluate_arguments(out: Path, scenarios: Sequence[str]) -> tuple[str, ...]:
     """Return arguments that ask the bridges about recordings and their twins."""
     bags = [str(run_folder(out, s, d) / "bag") for s in scenarios for d in _DOMAINS]
     audits = [word for s in scenarios for word in ("--audit", str(audit_folder(out, s)))]

@@ -32,23 +32,23 @@ def read_graph(root: Path, files: Collection[str]) -> dict[str, set[str]]:
     modules = _modules(root, sources)
     verbs = {verb: place.partition(":")[0] for verb, (place, _) in VERBS.items()}
     data = _data(files)
-    known = set(files)
+    all_files = set(files)
     graph: dict[str, set[str]] = {}
     for file in sources:
-        found = {f for f in _conftests(file) if f in known}
+        dependencies = {f for f in _conftests(file) if f in all_files}
         try:
             nodes = list(ast.walk(ast.parse((root / file).read_text())))
         except (SyntaxError, ValueError, OSError):
             nodes = []
         for name in _imports(nodes, _package(file, modules)):
-            found |= _files_of(name, modules)
+            dependencies |= _files_of(name, modules)
         # A package names the modules of its public API, and loads one when somebody asks for it.
         for text in () if file.endswith("/__init__.py") else _strings(nodes):
-            found |= _files_of(text.partition(":")[0], modules)
-            found |= data.get(text.rpartition("/")[2], set())
+            dependencies |= _files_of(text.partition(":")[0], modules)
+            dependencies |= data.get(text.rpartition("/")[2], set())
         for text in _first_words(nodes):
-            found |= _files_of(verbs.get(text, ""), modules)
-        graph[file] = found - {file}
+            dependencies |= _files_of(verbs.get(text, ""), modules)
+        graph[file] = dependencies - {file}
     return graph
 
 
@@ -63,15 +63,15 @@ def distances(graph: Mapping[str, Collection[str]], changed: Collection[str]) ->
     for file, others in graph.items():
         for other in others:
             users.setdefault(other, set()).add(file)
-    found = dict.fromkeys(sorted(changed), 0)
-    waiting = deque(found)
+    edge_counts = dict.fromkeys(sorted(changed), 0)
+    waiting = deque(edge_counts)
     while waiting:
         file = waiting.popleft()
         for user in sorted(users.get(file, ())):
-            if user not in found:
-                found[user] = found[file] + 1
+            if user not in edge_counts:
+                edge_counts[user] = edge_counts[file] + 1
                 waiting.append(user)
-    return found
+    return edge_counts
 
 
 def keep_tests(files: Collection[str]) -> list[str]:
@@ -89,14 +89,14 @@ def _roots(root: Path) -> list[str]:
 def _modules(root: Path, sources: Collection[str]) -> dict[str, str]:
     """Map each name that a source file can be imported by to the file."""
     roots = _roots(root)
-    found: dict[str, str] = {}
+    modules: dict[str, str] = {}
     for file in sources:
         for folder in (*roots, ""):
             start = f"{folder}/" if folder else ""
             if file.startswith(start):
                 name = file.removeprefix(start).removesuffix(".py").removesuffix("/__init__")
-                found.setdefault(name.replace("/", "."), file)
-    return found
+                modules.setdefault(name.replace("/", "."), file)
+    return modules
 
 
 def _package(file: str, modules: Mapping[str, str]) -> str:
@@ -148,7 +148,7 @@ def _data(files: Collection[str]) -> dict[str, set[str]]:
     They are its name, that of its folder, and for YAML, which holds events and sites, also the name
     without the ending.
     """
-    found: dict[str, set[str]] = {}
+    files_by_name: dict[str, set[str]] = {}
     for file in files:
         path = Path(file)
         if path.suffix != ".py":
@@ -156,8 +156,8 @@ def _data(files: Collection[str]) -> dict[str, set[str]]:
             if path.suffix == ".yaml":
                 names.add(path.name.partition(".")[0])
             for name in names - {""}:
-                found.setdefault(name, set()).add(file)
-    return found
+                files_by_name.setdefault(name, set()).add(file)
+    return files_by_name
 
 
 def _conftests(file: str) -> Iterator[str]:

@@ -148,8 +148,8 @@ class InProcessRecorder(Closing):
     def answer(self, now_ns: int, session: SessionPhase) -> None:
         """Write what the manager says at the end of each step, after its facts."""
         vut, *_ = ids = self._run.object_ids
-        known = [self._newest[i] for i in (vut, *sorted(ids[1:])) if i in self._newest]
-        if news := self._poses.news(known):
+        states = [self._newest[i] for i in (vut, *sorted(ids[1:])) if i in self._newest]
+        if news := self._poses.news(states):
             stamp_ns = news[0].stamp_ns
             self.take(names.TF, encode_transforms(news), stamp_ns)
         self._heartbeats += 1
@@ -204,10 +204,10 @@ class InProcessRecorder(Closing):
         if self._camera is None or self._run.camera is None or report.step == self._drawn_step:
             return
         self._drawn_step = report.step
-        asked = None if report.drive is None else report.drive.asked
+        question = None if report.drive is None else report.drive.asked
         # What the driver of a driven run was shown is what is recorded.
-        drawn = asked.frames[-1].jpeg if asked is not None and asked.frames else None
-        picture = self._camera.picture(report.step, report.now_ns, report.truths, drawn)
+        jpeg = question.frames[-1].jpeg if question is not None and question.frames else None
+        picture = self._camera.picture(report.step, report.now_ns, report.truths, jpeg)
         if picture is not None:
             info = encode_camera_info(report.now_ns, intrinsics(self._run.camera))
             self.take(names.CAMERA_INFO, info, report.now_ns)

@@ -30,15 +30,15 @@ def _environment(network: bool) -> dict[str, str]:
 
 
 def _remap(ctx: click.Context, param: click.Parameter, rules: tuple[str, ...]) -> dict[str, str]:
-    found = {}
+    new_names = {}
     for rule in rules:
         recorded, mark, topic = rule.partition(":=")
         if not (recorded and mark and topic):
             raise click.BadParameter(f"{rule!r} is not FROM:=TO", ctx, param)
         if not is_name(names.absolute(topic)):
             raise click.BadParameter(f"{topic!r} is no topic name", ctx, param)
-        found[recorded] = topic
-    return found
+        new_names[recorded] = topic
+    return new_names
 
 
 def _expressions(

@@ -22,10 +22,10 @@ def host_and_port(text: str) -> tuple[str, int | None] | None:
     Returns:
         The host without brackets, and the port; None: it isn't stated.
     """
-    found = _ADDRESS.fullmatch(text)
-    if found is None:
+    match = _ADDRESS.fullmatch(text)
+    if match is None:
         return None
-    return found["host"].strip("[]"), None if found["port"] is None else int(found["port"])
+    return match["host"].strip("[]"), None if match["port"] is None else int(match["port"])
 
 
 def resolve(

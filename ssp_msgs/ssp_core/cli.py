@@ -206,9 +206,9 @@ def _check_names(args: Sequence[str]) -> None:
     """Raise InputError for bytes that are no UTF-8: files and messages can't hold such a name."""
     for what, text in [*(("the argument", arg) for arg in args), ("the folder here", os.getcwd())]:
         if not text.isascii() and any("\ud800" <= c <= "\udfff" for c in text):
-            shown = os.fsencode(text).decode("utf-8", "backslashreplace")
+            readable_text = os.fsencode(text).decode("utf-8", "backslashreplace")
             raise InputError(
-                f"{what} {shown} is no UTF-8",
+                f"{what} {readable_text} is no UTF-8",
                 remedy="rename the file or folder, or type the text in UTF-8",
             )
 
@@ -228,9 +228,9 @@ def _check_not_empty(args: Sequence[str]) -> None:
 
 def _run(args: list[str] | None) -> int:
     try:
-        given = sys.argv[1:] if args is None else args
-        _check_names(given)
-        _check_not_empty(given)
+        arguments = sys.argv[1:] if args is None else args
+        _check_names(arguments)
+        _check_not_empty(arguments)
         result = cli.main(args=args, prog_name="ssp", standalone_mode=False)
         return result if isinstance(result, int) else 0
     except click.exceptions.Exit as stop:

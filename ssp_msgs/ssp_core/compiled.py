@@ -113,12 +113,12 @@ class CompiledCore:
         return ""
 
     def _sources_now(self, path: Sequence[str]) -> dict[str, str]:
-        found: dict[str, str] = {}
+        sources: dict[str, str] = {}
         for package in {name.split("/", 1)[0] for name in self.sources}:
             folders = (Path(one, package) for one in path)
             folder = next((one for one in folders if (one / "__init__.py").is_file()), None)
-            found |= {} if folder is None else sources_of(folder)
-        return found
+            sources |= {} if folder is None else sources_of(folder)
+        return sources
 
 
 class CompiledFinder:

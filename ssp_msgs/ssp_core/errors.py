@@ -101,15 +101,15 @@ class InputError(SspError):
             alone = errors[0].in_file(file)
             return alone if line is None else alone.in_line(line)
         here = (None, None if file is None else str(file))
-        told = [error.in_file(None) if error.file in here else error for error in errors]
-        lines = "".join(f"\n  {one}" for one in told[:_MOST_TOLD])
-        more = len(told) - _MOST_TOLD
+        parts = [error.in_file(None) if error.file in here else error for error in errors]
+        lines = "".join(f"\n  {one}" for one in parts[:_MOST_TOLD])
+        more = len(parts) - _MOST_TOLD
         whole = cls(
-            f"has {len(told)} errors:{lines}" + (f"\n  and {more} more" if more > 0 else ""),
+            f"has {len(parts)} errors:{lines}" + (f"\n  and {more} more" if more > 0 else ""),
             file=file,
             line=line,
         )
-        whole.parts = tuple(told)
+        whole.parts = tuple(parts)
         return whole
 
     def each(self, change: Callable[[InputError], InputError]) -> InputError:
@@ -151,8 +151,8 @@ class InputError(SspError):
             parts.append(self.field)
         text = ": ".join([*parts, self.problem])
         if self.value is not None:
-            shown = repr(self.value)
-            text += f" (got {shown if len(shown) <= 120 else shown[:117] + '...'})"
+            value_text = repr(self.value)
+            text += f" (got {value_text if len(value_text) <= 120 else value_text[:117] + '...'})"
         if self.remedy:
             text += f"; {self.remedy}"
         return text

@@ -351,11 +351,11 @@ class Polyline:
         if len(self._lengths) <= _FEW_PIECES:
             return [self._project_one(x, y) for x, y in points]
         xy = np.array(points, dtype=np.float64)
-        found: list[tuple[float, float]] = []
+        projections: list[tuple[float, float]] = []
         for first in range(0, len(xy), _TOGETHER):
             together = xy[first : first + _TOGETHER]
-            found += self._project_on(together, self._near(together))
-        return found
+            projections += self._project_on(together, self._near(together))
+        return projections
 
     def _make_stretches(self) -> list[FloatArray]:
         """Make stretches of 64 pieces, of 64 of these, and so on up to at most 64 of them.
@@ -388,9 +388,9 @@ class Polyline:
         if len(xy) > _FEW_POINTS:
             least, most = xy.min(axis=0)[None, :, None], xy.max(axis=0)[None, :, None]
         levels = self._stretches or self._make_stretches()
-        kept: NDArray[np.intp] = np.arange(levels[-1].shape[1])
+        indexes: NDArray[np.intp] = np.arange(levels[-1].shape[1])
         for number in reversed(range(len(levels))):
-            low_x, high_x, low_y, high_y, x, y = levels[number][:, kept]
+            low_x, high_x, low_y, high_y, x, y = levels[number][:, indexes]
             out_x = np.maximum(np.maximum(low_x - most[:, 0], least[:, 0] - high_x), 0.0)
             out_y = np.maximum(np.maximum(low_y - most[:, 1], least[:, 1] - high_y), 0.0)
             to_x = np.maximum(np.abs(x - least[:, 0]), np.abs(x - most[:, 0]))
@@ -398,9 +398,9 @@ class Polyline:
             # The margin is far above what rounding can do to either side.
             reach_m2 = (to_x * to_x + to_y * to_y).min(axis=1, keepdims=True) * (1.0 + 1e-6) + 1e-6
             holds = (out_x * out_x + out_y * out_y <= reach_m2).any(axis=0)
-            inner = (kept[holds, None] * _STRETCH + np.arange(_STRETCH)).ravel()
-            kept = inner[inner < (levels[number - 1].shape[1] if number else n)]
-        return kept
+            inner = (indexes[holds, None] * _STRETCH + np.arange(_STRETCH)).ravel()
+            indexes = inner[inner < (levels[number - 1].shape[1] if number else n)]
+        return indexes
 
     def _all_columns(self) -> FloatArray:
         """Return start, step, squared length, length and station of each piece; shape (7, n)."""
@@ -422,14 +422,14 @@ class Polyline:
         t = np.minimum(np.maximum((rx * dx + ry * dy) / squares, 0.0), 1.0)
         off_x, off_y = at_x - (x + t * dx), at_y - (y + t * dy)
         distances = np.sqrt(off_x * off_x + off_y * off_y)
-        found = []
+        projections = []
         for k, i in enumerate(distances.argmin(axis=1).tolist()):
             step_x, step_y, _, length, start = columns[2:, i].tolist()
             side = step_x * ry.item(k, i) - step_y * rx.item(k, i)
             distance = distances.item(k, i)
             station = start + t.item(k, i) * length
-            found.append((station, math.copysign(distance, side) if side else distance))
-        return found
+            projections.append((station, math.copysign(distance, side) if side else distance))
+        return projections
 
     def _project_one(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Project as ``project_all``, piece by piece.
@@ -438,7 +438,7 @@ class Polyline:
         """
         best: float | None = None
         pieces = self._pieces or self._make_pieces()
-        found, found_t, found_side = pieces[0], 0.0, 0.0
+        nearest_piece, found_t, found_side = pieces[0], 0.0, 0.0
         for piece in pieces:
             dx, dy = piece.dx_m, piece.dy_m
             rx, ry = x_m - piece.x_m, y_m - piece.y_m
@@ -447,9 +447,9 @@ class Polyline:
             off_x, off_y = x_m - (piece.x_m + t * dx), y_m - (piece.y_m + t * dy)
             distance = math.sqrt(off_x * off_x + off_y * off_y)
             if best is None or distance < best:
-                best, found, found_t = distance, piece, t
+                best, nearest_piece, found_t = distance, piece, t
                 found_side = dx * ry - dy * rx
-        station, offset = found.station_m + found_t * found.length_m, best or 0.0
+        station, offset = nearest_piece.station_m + found_t * nearest_piece.length_m, best or 0.0
         return station, math.copysign(offset, found_side) if found_side else offset
 
     def project_beyond(self, x_m: float, y_m: float) -> tuple[float, float]:
@@ -460,9 +460,9 @@ class Polyline:
         self, points: Sequence[tuple[float, float]]
     ) -> list[tuple[float, float]]:
         """Project as ``project_beyond`` for several points at once."""
-        found = self.project_all(points)
-        for k, (station, _) in enumerate(found):
+        projections = self.project_all(points)
+        for k, (station, _) in enumerate(projections):
             if not 0.0 < station < self.length_m:
                 along, across = self.pose(station).to_local(*points[k])
-                found[k] = station + along, across
-        return found
+                projections[k] = station + along, across
+        return projections

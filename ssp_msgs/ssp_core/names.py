@@ -97,10 +97,10 @@ def udp_body(address: str) -> tuple[str, int] | None:
         address: ``udp://HOST:PORT``, with brackets around the host where it is IPv6.
     """
     scheme, _, text = address.partition("://")
-    found = host_and_port(text)
-    if scheme != "udp" or found is None:
+    endpoint = host_and_port(text)
+    if scheme != "udp" or endpoint is None:
         return None
-    host, port = found
+    host, port = endpoint
     return (host, port) if port is not None and 0 < port < 65536 else None
 
 
@@ -113,10 +113,10 @@ def iso_body(address: str) -> tuple[str, int | None, dict[str, str]] | None:
     """
     scheme, _, rest = address.partition("://")
     text, _, query = rest.partition("?")
-    found = host_and_port(text)
-    if scheme != "iso22133" or found is None:
+    endpoint = host_and_port(text)
+    if scheme != "iso22133" or endpoint is None:
         return None
-    host, port = found
+    host, port = endpoint
     if port is not None and not 1 < port < 65536:
         return None
     options = dict(parse_qsl(query, keep_blank_values=True))

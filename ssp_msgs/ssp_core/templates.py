@@ -20,16 +20,16 @@ def templates(*folders: Path) -> jinja2.Environment:
     Filters: ``svg`` takes markup as it is, ``words`` turns a name into words, ``short`` shortens a
     hash, ``json`` writes a value as JSON, ``g`` a number with six digits at most.
     """
-    found = jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(folders),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    found.filters["svg"] = Markup
-    found.filters["words"] = lambda text: str(text).replace("_", " ")
-    found.filters["short"] = lambda digest: str(digest).removeprefix("sha256:")[:12]
-    found.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
-    found.filters["g"] = lambda value: f"{value:g}"
-    return found
+    environment.filters["svg"] = Markup
+    environment.filters["words"] = lambda text: str(text).replace("_", " ")
+    environment.filters["short"] = lambda digest: str(digest).removeprefix("sha256:")[:12]
+    environment.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
+    environment.filters["g"] = lambda value: f"{value:g}"
+    return environment

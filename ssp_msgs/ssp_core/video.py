@@ -302,9 +302,9 @@ def sound_video(path: Path, end_s: float | None = None) -> Soundness:
     why = why or _against_length(longest_s, length_s, times_s[0], slack_s, "its streams")
     if why:
         raise _no_axis(path, why)
-    told = _avi_rate(path)
-    if told is not None and abs(told / rate - 1.0) > _SLACK:
-        raise _no_axis(path, f"it says {told:g} and {rate:g} frames per second")
+    avi_fps = _avi_rate(path)
+    if avi_fps is not None and abs(avi_fps / rate - 1.0) > _SLACK:
+        raise _no_axis(path, f"it says {avi_fps:g} and {rate:g} frames per second")
     if why := _against_moov(path, slack_s):
         raise _no_axis(path, why)
     return Soundness(tuple(times_s), damaged)
@@ -356,15 +356,15 @@ def _avi_rate(path: Path) -> float | None:
 
 def _boxes(data: bytes) -> dict[bytes, list[bytes]]:
     """Return the boxes of an MP4 or of one of its boxes by name, but for what is cut off."""
-    found: dict[bytes, list[bytes]] = {}
+    boxes: dict[bytes, list[bytes]] = {}
     at = 0
     while at + 8 <= len(data):
         size, name = struct.unpack_from(">I4s", data, at)
         if size < 8 or at + size > len(data):
             break
-        found.setdefault(name, []).append(data[at + 8 : at + size])
+        boxes.setdefault(name, []).append(data[at + 8 : at + size])
         at += size
-    return found
+    return boxes
 
 
 def _moov(path: Path) -> bytes:
@@ -407,9 +407,9 @@ def _against_moov(path: Path, slack_s: float) -> str:
         tracks_s = []
         for track in map(_boxes, movie[b"trak"]):
             media = _boxes(track[b"mdia"][0])
-            (shown,), (media_head,) = track[b"tkhd"], media[b"mdhd"]
-            form, at = (">Q", 28) if shown[0] else (">I", 20)
-            tracks_s.append(struct.unpack_from(form, shown, at)[0] / scale)
+            (track_head,), (media_head,) = track[b"tkhd"], media[b"mdhd"]
+            form, at = (">Q", 28) if track_head[0] else (">I", 20)
+            tracks_s.append(struct.unpack_from(form, track_head, at)[0] / scale)
             if media[b"hdlr"][0][8:12] != b"vide":
                 continue
             media_s = length_s(media_head)
@@ -438,12 +438,12 @@ def _against_moov(path: Path, slack_s: float) -> str:
 def _against_edits(edits: bytes, scale: int, media_s: float, units: int, slack_s: float) -> str:
     """Say whether an MP4's edit list shows more than there is or, where it shows all, less."""
     form = ">QqI" if edits[0] else ">IiI"
-    shown = [
+    segments = [
         (a / scale, start) for a, start, _ in struct.iter_unpack(form, edits[8:]) if start >= 0
     ]
-    total_s = sum(length_s for length_s, _ in shown)
+    total_s = sum(length_s for length_s, _ in segments)
     slack_s = max(slack_s, _SLACK * media_s)
-    is_all = len(shown) == 1 and shown[0][1] * media_s <= slack_s * units
+    is_all = len(segments) == 1 and segments[0][1] * media_s <= slack_s * units
     if total_s > media_s + slack_s or (is_all and total_s < media_s - slack_s):
         return f"its edit list shows {total_s:.3f} s of {media_s:.3f} s"
     return ""
@@ -486,9 +486,9 @@ def contact_sheet(tiles: Sequence[Tile], columns: int, tile_width_px: int) -> Im
     """
     if not tiles:
         raise ValueError("a contact sheet needs a frame")
-    drawn = [_draw(tile, tile_width_px) for tile in tiles]
-    columns = min(columns, len(drawn))
-    rows = [drawn[i : i + columns] for i in range(0, len(drawn), columns)]
+    thumbnails = [_draw(tile, tile_width_px) for tile in tiles]
+    columns = min(columns, len(thumbnails))
+    rows = [thumbnails[i : i + columns] for i in range(0, len(thumbnails), columns)]
     width = columns * (tile_width_px + _MARGIN_PX) + _MARGIN_PX
     height = sum(max(t.shape[0] for t in row) + _MARGIN_PX for row in rows) + _MARGIN_PX
     sheet = np.full((height, width, 3), _BACKGROUND, np.uint8)

@@ -182,12 +182,12 @@ class InProcessPlant:
         )
 
     def _links(self) -> tuple[LinkFact, ...]:
-        found = []
+        facts = []
         for object_id in self._pool.object_ids:
             link = self._pool.links_of(object_id)
             delay_s = math.inf if link.cut else link.up_s + link.down_s
-            found.append(LinkFact(object_id, link.clock_offset_s, delay_s))
-        return tuple(found)
+            facts.append(LinkFact(object_id, link.clock_offset_s, delay_s))
+        return tuple(facts)
 
 
 def make_plant(
@@ -279,5 +279,5 @@ def make_camera(run: RunSpec, server: ServerOfRun | None, on_server: OnServer) -
     from ssp_ot_controller.camera.carla_painter import CarlaPainter, Shooting
 
     client_library()
-    asked = Shooting.of_run(run, camera), server.address, server.map_sha256, on_server
-    return InProcessCamera(run, lambda: CarlaPainter(*asked))
+    arguments = Shooting.of_run(run, camera), server.address, server.map_sha256, on_server
+    return InProcessCamera(run, lambda: CarlaPainter(*arguments))

@@ -81,11 +81,11 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
     # What the manager listens for in any session, so that a stray simulated world shows.
     world = (names.WORLD_TICK, names.STEP_DONE)
     commands = (*names.SESSION_COMMANDS, names.LOAD_SCENARIO)
-    told = (*events, names.HEARTBEAT, names.LINK_STATUS, names.STEP_DONE)
+    manager_topics = (*events, names.HEARTBEAT, names.LINK_STATUS, names.STEP_DONE)
     statuses = (names.RECORDER_STATUS, names.LOCALISATION_STATUS, names.BODY_STATUS)
     replies = (names.HEARTBEAT_REPLY, *statuses)
     recorded = (
-        *(vut, *states, *references, *acks, *rules, *told, *replies, names.FAULT_EVENT),
+        *(vut, *states, *references, *acks, *rules, *manager_topics, *replies, names.FAULT_EVENT),
         *declared.values(),
     )
     transforms = (names.TF, names.TF_STATIC)
@@ -100,7 +100,7 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
     table = {
         names.SCENARIO_MANAGER: Rights(
             CONTROL,
-            publishes=(*told, *references, *transforms),
+            publishes=(*manager_topics, *references, *transforms),
             hears=(
                 *(vut, *states, *acks, *rules, *replies, *world, *declared.values()),
                 *(names.CAMERA_INFO, names.SAFETY_EVENT),
@@ -192,11 +192,13 @@ def _fill(profile: ElementTree.Element, node: str, right: Rights) -> None:
     _group(profile, "topics", "subscribe", right.hears)
 
 
-def _group(profile: ElementTree.Element, kind: str, what: str, found: Iterable[str]) -> None:
-    wanted = sorted({names.absolute(name) for name in found})
-    if wanted:
+def _group(
+    profile: ElementTree.Element, kind: str, what: str, resource_names: Iterable[str]
+) -> None:
+    absolute_names = sorted({names.absolute(name) for name in resource_names})
+    if absolute_names:
         group = ElementTree.SubElement(profile, kind, {what: "ALLOW"})
-        for name in wanted:
+        for name in absolute_names:
             ElementTree.SubElement(group, kind.removesuffix("s")).text = name
 
 

@@ -185,15 +185,15 @@ def interface_of(name: str, options: Mapping[str, Any]) -> str:
     Raises:
         InputError: the option ``interface`` names none.
     """
-    chosen = options.get("interface", _INTERFACES.get(name, "waypoints"))
-    if not isinstance(chosen, str):
+    interface = options.get("interface", _INTERFACES.get(name, "waypoints"))
+    if not isinstance(interface, str):
         raise InputError(
             "must be a name",
             field="backend_options.interface",
-            value=chosen,
+            value=interface,
             remedy="write the name of an interface in quotes",
         )
-    return find_interface(chosen).name
+    return find_interface(interface).name
 
 
 def is_blind(options: Mapping[str, Any]) -> bool:
@@ -207,25 +207,27 @@ def telling_options(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in options.items() if key not in delivery}
 
 
-def check_options(backend: str, options: Mapping[str, Any], known: Mapping[str, type]) -> None:
+def check_options(
+    backend: str, options: Mapping[str, Any], option_types: Mapping[str, type]
+) -> None:
     """Refuse options that a backend doesn't know or that have the wrong type.
 
     Raises:
         InputError: naming the option.
     """
     for key, value in options.items():
-        if key not in known:
+        if key not in option_types:
             raise InputError(
                 f"is no option of {backend}",
                 field=f"backend_options.{key}",
-                remedy=f"known are {', '.join(sorted(known)) or 'none'}",
+                remedy=f"known are {', '.join(sorted(option_types)) or 'none'}",
             )
-        wanted = known[key]
+        required_type = option_types[key]
         # bool is an int to Python, and an int is a fine float.
-        fits = isinstance(value, (int, float) if wanted is float else wanted)
-        if not fits or (isinstance(value, bool) and wanted is not bool):
+        fits = isinstance(value, (int, float) if required_type is float else required_type)
+        if not fits or (isinstance(value, bool) and required_type is not bool):
             raise InputError(
-                f"must be of type {wanted.__name__}",
+                f"must be of type {required_type.__name__}",
                 field=f"backend_options.{key}",
                 value=value,
                 remedy="write one of that type",

@@ -120,11 +120,11 @@ class HeldAnswers(Generic[A]):
         self._held.append((now_ns + self._worth_ns, answer))
         return full
 
-    def release(self, heard: bool, now_ns: int) -> tuple[list[A], int]:
+    def release(self, has_listener: bool, now_ns: int) -> tuple[list[A], int]:
         """Take the answers out that are to be published now, and those that are too old.
 
         Args:
-            heard: the publisher has a listener.
+            has_listener: the publisher has one.
             now_ns: the steady clock, ns.
 
         Returns:
@@ -136,7 +136,7 @@ class HeldAnswers(Generic[A]):
             self._held.popleft()
             given_up += 1
         answers: list[A] = []
-        while heard and self._held and self._has_room(now_ns):
+        while has_listener and self._held and self._has_room(now_ns):
             answers.append(self._held.popleft()[1])
             self._released.append(now_ns)
         return answers, given_up
@@ -271,13 +271,13 @@ class ShadowRequests:
             raise ValueError("there is no frame to ask about")
         stamps_ns = [frame.stamp_ns for frame in self._frames]
         now_ns = self._asked_ns = stamps_ns[-1]
-        chosen = choose(stamps_ns, len(stamps_ns) - 1, self.rules)
+        indices = choose(stamps_ns, len(stamps_ns) - 1, self.rules)
         states_ns = [state.stamp_ns for state in self._states]
         history = ego_history(states_ns, self._states.__getitem__, now_ns, self.rules)
         request = Request(
             request_id=f"shadow-{self.model}-{now_ns}",
             stamp_ns=now_ns,
-            frames=tuple(self._frames[i] for i in chosen),
+            frames=tuple(self._frames[i] for i in indices),
             camera=self.camera,
             history=history,
             ego_provenance="measured" if history else "unknown",

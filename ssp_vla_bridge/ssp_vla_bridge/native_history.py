@@ -98,14 +98,14 @@ def llavida_history(request: Request) -> NativeHistory:
 def _raster(request: Request, count: int) -> list[EgoSample]:
     """Return samples at 0, −0.5, −1.0, … s, oldest first, up to the first that is missing."""
     samples = request.history if request.ego_known else ()
-    chosen: list[EgoSample] = []
+    raster_samples: list[EgoSample] = []
     for k in range(count):
         wanted_s = -k * STEP_S
         nearest = min(samples, key=lambda sample: abs(sample.t_s - wanted_s), default=None)
         if nearest is None or not abs(nearest.t_s - wanted_s) <= _OFF_RASTER_S:
             break
-        chosen.append(nearest)
-    return chosen[::-1]
+        raster_samples.append(nearest)
+    return raster_samples[::-1]
 
 
 def _speed_mps(before: EgoSample, after: EgoSample) -> float:

@@ -215,7 +215,7 @@ class _Braces(dict[str, str]):
         rows = native.rows or math.floor(
             task.trajectory_horizon_s / task.trajectory_step_s + _TOLERANCE
         )
-        known: dict[str, Callable[[], str]] = {
+        texts: dict[str, Callable[[], str]] = {
             "frames": lambda: _frames(request),
             "seeing": lambda: _Words("yes" if request.frames else ""),
             "blind": lambda: _Words("" if request.frames else "yes"),
@@ -242,7 +242,7 @@ class _Braces(dict[str, str]):
             "rows": lambda: str(rows),
             "form": lambda: ", ".join(native.form.format(i=i) for i in range(1, rows + 1)),
         }
-        return known[name]()
+        return texts[name]()
 
     def _demand(self, rows: int) -> str:
         """Return the task's demand, and how a native form of fixed length covers it."""

@@ -56,14 +56,14 @@ def choose(stamps_ns: Sequence[int], newest: int, rules: Preprocessing) -> list[
         rules: the rate, number and span of the frames.
     """
     spacing_ns = seconds_to_ns(rules.frame_spacing_s) - _SLACK_NS
-    chosen = [newest]
+    indices = [newest]
     oldest_ns = stamps_ns[newest] - seconds_to_ns(rules.frame_span_s) + _SLACK_NS
     i = newest - 1
-    while i >= 0 and len(chosen) < rules.frames and stamps_ns[i] >= oldest_ns:
-        if stamps_ns[chosen[-1]] - stamps_ns[i] >= spacing_ns:
-            chosen.append(i)
+    while i >= 0 and len(indices) < rules.frames and stamps_ns[i] >= oldest_ns:
+        if stamps_ns[indices[-1]] - stamps_ns[i] >= spacing_ns:
+            indices.append(i)
         i -= 1
-    return chosen[::-1]
+    return indices[::-1]
 
 
 def ego_history(

@@ -142,12 +142,12 @@ def control_jobs(plan: Plan) -> list[Job]:
 
 def place_jobs(plan: Plan) -> list[Job]:
     """Return the jobs on the places; the k-th realisation is on place k modulo their number."""
-    places, found = plan.places, []
+    places, jobs = plan.places, []
     for number, place in enumerate(places):
         count = len(range(number, plan.realisations, len(places)))
         seeds = tuple(range(plan.seed, plan.seed + count))
-        found += [Job(plan, arm, place, seeds) for arm in ARMS if seeds]
-    return found
+        jobs += [Job(plan, arm, place, seeds) for arm in ARMS if seeds]
+    return jobs
 
 
 def rows_of(job: Job) -> list[Row]:
@@ -158,7 +158,7 @@ def rows_of(job: Job) -> list[Row]:
     if job.place is not None:
         ground = ground_of(*job.place, event)
     try:
-        run, block = _made(job, event, version, ground)
+        run, block = _run_of_arm(job, event, version, ground)
     except NoRun as error:
         rest = [""] * (len(COLUMNS) - 7)
         return [
@@ -169,26 +169,28 @@ def rows_of(job: Job) -> list[Row]:
     words = {name: word for name, word in words.items() if word != "any"}
     rows = []
     for seed in job.seeds:
-        judged = judge_trial(event, run.road, words, session(varied(run, seed)))
-        rows.append([*_head(job, ground, seed), block, "true", *_cells(judged)])
+        judgement = judge_trial(event, run.road, words, session(varied(run, seed)))
+        rows.append([*_head(job, ground, seed), block, "true", *_cells(judgement)])
     return rows
 
 
-def _made(job: Job, event: Event, version: str, ground: Ground) -> tuple[RunSpec, str]:
+def _run_of_arm(job: Job, event: Event, version: str, ground: Ground) -> tuple[RunSpec, str]:
     """Let an arm make its run; each is given what it may know, and nothing else."""
     if job.arm == "structure":
         return by_structure(event, version, ground)
     cast, fixed = cast_of(event), frame_of(event, version)
     source = read_source(event, job.plan.source)
-    given = relations_of(source, cast) if job.arm == "relations" else tracks_of(source, cast)
-    return unstructured(given, fixed, ground)
+    knowledge = relations_of(source, cast) if job.arm == "relations" else tracks_of(source, cast)
+    return unstructured(knowledge, fixed, ground)
 
 
-def unstructured(given: Relations | Tracks, fixed: Frame, ground: Ground) -> tuple[RunSpec, str]:
+def unstructured(
+    knowledge: Relations | Tracks, fixed: Frame, ground: Ground
+) -> tuple[RunSpec, str]:
     """Return the run of an arm without structure, and the block.
 
     Args:
-        given: all that the arm knows of the event.
+        knowledge: all that the arm knows of the event.
         fixed: what judge and executor need, which the arm doesn't read.
         ground: the place.
 
@@ -196,29 +198,29 @@ def unstructured(given: Relations | Tracks, fixed: Frame, ground: Ground) -> tup
         NoRun: the arm makes none.
     """
     trials = Trials(fixed, ground)
-    if isinstance(given, Relations):
-        made = by_relations(given, ground, trials)
+    if isinstance(knowledge, Relations):
+        answer = by_relations(knowledge, ground, trials)
     else:
-        made = by_tracks(given, ground, trials)
-    return run_of(fixed, ground, made), made.block.block_id
+        answer = by_tracks(knowledge, ground, trials)
+    return run_of(fixed, ground, answer), answer.block.block_id
 
 
 def _head(job: Job, ground: Ground, seed: int) -> Row:
     return [ground.name, job.arm, str(seed), cell(share_of(seed))]
 
 
-def _cells(judged: Judgement) -> Row:
+def _cells(judgement: Judgement) -> Row:
     return [
-        judged.verdict,
-        cell(judged.valid),
-        cell(judged.off_spec),
-        *(cell(judged.kept.get(name)) for name in FIELDS),
-        cell(judged.located),
-        cell(judged.kpr),
-        cell(judged.epd),
-        cell(judged.time_gap_s),
-        cell(judged.admitted),
-        cell(judged.why),
+        judgement.verdict,
+        cell(judgement.valid),
+        cell(judgement.off_spec),
+        *(cell(judgement.kept.get(name)) for name in FIELDS),
+        cell(judgement.located),
+        cell(judgement.kpr),
+        cell(judgement.epd),
+        cell(judgement.time_gap_s),
+        cell(judgement.admitted),
+        cell(judgement.why),
     ]
 
 
@@ -236,7 +238,7 @@ def read_realisation(row: Row) -> Realisation:
     def number(name: str) -> float | None:
         return float(one[name]) if one[name] else None
 
-    judged = Judgement(
+    judgement = Judgement(
         verdict=one["verdict"],
         off_spec=one["off_spec"] == "true",
         kept={name: one[name] == "true" for name in FIELDS if one[name]},
@@ -247,7 +249,7 @@ def read_realisation(row: Row) -> Realisation:
         admitted=one["admitted"] == "true",
         why=one["why"],
     )
-    return Realisation(*head, True, judged, one["why"])
+    return Realisation(*head, True, judgement, one["why"])
 
 
 def run_ablation(
@@ -281,10 +283,10 @@ def run_ablation(
             ordered_map(min(jobs, max(len(left), 1))) as run_all,
             path.open("a", newline="") as stream,
         ):
-            for made in run_all(rows_of, left):
-                stream.write(lines_of(made))
+            for job_rows in run_all(rows_of, left):
+                stream.write(lines_of(job_rows))
                 stream.flush()
-                rows += made
+                rows += job_rows
                 on_rows(len(rows), total)
         check_control([read_realisation(row) for row in rows[: len(control)]])
     return [read_realisation(row) for row in rows]
@@ -302,21 +304,21 @@ def check_control(realisations: Sequence[Realisation]) -> None:
     """
     failed = []
     for one in realisations:
-        judged = one.judged
-        kpr = None if judged is None else judged.kpr
-        if judged is None or kpr is None:
-            shown = "no KPR"
+        judgement = one.judged
+        kpr = None if judgement is None else judgement.kpr
+        if judgement is None or kpr is None:
+            shortfall = "no KPR"
         elif kpr < LEAST_KPR:
-            shown = f"KPR {kpr:.2f}"
-        elif judged.verdict not in _SOUND:
-            shown = f"verdict {judged.verdict}"
-        elif not judged.located:
-            shown = "a phase that isn't located"
-        elif not judged.admitted:
-            shown = "an event that isn't admitted"
+            shortfall = f"KPR {kpr:.2f}"
+        elif judgement.verdict not in _SOUND:
+            shortfall = f"verdict {judgement.verdict}"
+        elif not judgement.located:
+            shortfall = "a phase that isn't located"
+        elif not judgement.admitted:
+            shortfall = "an event that isn't admitted"
         else:
             continue
-        failed.append(f"{one.arm} has {shown} ({one.why or 'nothing was measured'})")
+        failed.append(f"{one.arm} has {shortfall} ({one.why or 'nothing was measured'})")
     if failed:
         raise ControlFailed(
             f"no table: at {SOURCE_PLACE} each arm must end soundly, with each phase located and "
@@ -397,12 +399,12 @@ def _whole_jobs(
     rows: Sequence[Row], jobs: Sequence[Job], names: Sequence[str], path: Path
 ) -> list[Row]:
     """Return the rows of jobs that were finished; a job that was cut off is run again."""
-    kept: list[Row] = []
+    whole_rows: list[Row] = []
     for job, name in zip(jobs, names, strict=False):
-        part = list(rows[len(kept) : len(kept) + len(job.seeds)])
+        part = list(rows[len(whole_rows) : len(whole_rows) + len(job.seeds)])
         if len(part) < len(job.seeds):
             break
-        for line, (seed, row) in enumerate(zip(job.seeds, part, strict=True), len(kept) + 2):
+        for line, (seed, row) in enumerate(zip(job.seeds, part, strict=True), len(whole_rows) + 2):
             if len(row) != len(COLUMNS) or row[:3] != [name, job.arm, str(seed)]:
                 raise InputError(
                     "holds another ablation's realisation",
@@ -420,26 +422,26 @@ def _whole_jobs(
                     value=row[COLUMNS.index(wrong)],
                     remedy="remove this line and all below it, so that they are made again",
                 )
-        kept += part
-    return kept
+        whole_rows += part
+    return whole_rows
 
 
 def _wrong_column(row: Row) -> str | None:
     """Return the column that holds what no realisation has; None: each is readable."""
     one = dict(zip(COLUMNS, row, strict=True))
     for name in (*_YES_OR_NO, *_NUMBERS):
-        known = (
+        is_readable = (
             one[name] in ("true", "false") if name in _YES_OR_NO else _NUMBER.fullmatch(one[name])
         )
-        if one[name] and not known:
+        if one[name] and not is_readable:
             return name
     return None
 
 
 def _left(rows: Sequence[Row], jobs: Sequence[Job], part: Sequence[Job]) -> list[Job]:
-    done, left = 0, []
+    end_row, left = 0, []
     for job in jobs:
-        done += len(job.seeds)
-        if done > len(rows) and job in part:
+        end_row += len(job.seeds)
+        if end_row > len(rows) and job in part:
             left.append(job)
     return left

@@ -84,32 +84,32 @@ def ablate(
         raise click.UsageError("give places with --sites and --maps")
     with taken_folder(out):
         with console.progress("realisations", None, estimated=True) as bar:
-            found = run_ablation(plan, out, jobs, _counted(bar))
-        placed = [one for one in found if one.place != SOURCE_PLACE]
+            outcomes = run_ablation(plan, out, jobs, _counted(bar))
+        placed = [one for one in outcomes if one.place != SOURCE_PLACE]
         tables = tables_of(placed)
         with new_files(out) as scratch:
             written_drawings(figures(event, placed), scratch, lambda _name: None)
             write_tables(out, tables, ["csv"])
-    _say(found, placed, tables, out, as_json)
+    _say(outcomes, placed, tables, out, as_json)
     return 0
 
 
 def _say(
-    found: Sequence[Realisation],
+    outcomes: Sequence[Realisation],
     placed: Sequence[Realisation],
     tables: Sequence[Table],
     out: Path,
     as_json: bool,
 ) -> None:
     if as_json:
-        told = {table.name: to_data(table) for table in tables}
-        told["findings"] = findings(placed)  # type: ignore[assignment]  # a list beside tables
-        click.echo(json.dumps(told))
+        document = {table.name: to_data(table) for table in tables}
+        document["findings"] = findings(placed)  # type: ignore[assignment]  # a list beside tables
+        click.echo(json.dumps(document))
         return
-    console.out.print(_shown(placed))
+    console.out.print(_console_table(placed))
     control = ", ".join(
         f"{one.arm} {one.judged.kpr:.2f}"
-        for one in found
+        for one in outcomes
         if one.place == SOURCE_PLACE and one.judged is not None and one.judged.kpr is not None
     )
     console.out.print(f"KPR at {SOURCE_PLACE}: {control}", markup=False)
@@ -118,33 +118,33 @@ def _say(
     console.out.print(f"{out}: realisations.csv, tables and figure", markup=False)
 
 
-def _shown(placed: Sequence[Realisation]) -> Shown:
+def _console_table(placed: Sequence[Realisation]) -> Shown:
     """Return the arms side by side, each value with its interval."""
     table = arms_table(placed)
     keys = [column.key for column in table.columns]
     arms = [dict(zip(keys, texts(table, row), strict=True)) for row in table.rows]
-    shown = Shown(title=table.title)
-    shown.add_column("")
+    grid = Shown(title=table.title)
+    grid.add_column("")
     for arm in arms:
-        shown.add_column(arm["arm"], justify="right")
-    shown.add_row("N", *(arm["n"] for arm in arms))
+        grid.add_column(arm["arm"], justify="right")
+    grid.add_row("N", *(arm["n"] for arm in arms))
     for column in table.columns:
         low, high = f"{column.key}_low", f"{column.key}_high"
         if low in keys:
-            shown.add_row(
+            grid.add_row(
                 column.title, *(f"{arm[column.key]} ({arm[low]} to {arm[high]})" for arm in arms)
             )
-    return shown
+    return grid
 
 
 def _counted(bar: Progress) -> Callable[[int, int], None]:
     """Return what shows the realisations that are done."""
     begun = False
 
-    def count(done: int, total: int) -> None:
+    def count(row_count: int, total: int) -> None:
         nonlocal begun
         show = bar.update if begun else bar.reset
-        show(bar.task_ids[0], total=total, completed=done)
+        show(bar.task_ids[0], total=total, completed=row_count)
         begun = True
 
     return count

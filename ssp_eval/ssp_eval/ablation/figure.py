@@ -43,13 +43,13 @@ def arms_figure(event: str, realisations: Sequence[Realisation]) -> Drawing:
             between = row == len(_OF_ALL)
             axes.axhline(row - 0.5, color=INK if between else FAINT, linewidth=0.5)
         for lane, arm in enumerate(ARMS):
-            found = share_of_arm(realisations, arm, measure)
+            share = share_of_arm(realisations, arm, measure)
             y = row + (lane - 1) * _LANE
-            ends = found.interval
+            ends = share.interval
             if ends.low is not None and ends.high is not None:
                 axes.plot([ends.low, ends.high], [y, y], color=looks[arm].colour, linewidth=0.9)
-            if found.value is not None:
-                mark(axes, (found.value, y), looks[arm], gid=f"{measure.key}-{arm}")
+            if share.value is not None:
+                mark(axes, (share.value, y), looks[arm], gid=f"{measure.key}-{arm}")
     n = sum(one.arm == ARMS[0] for one in realisations)
     places = len({one.place for one in realisations})
     text = caption(

@@ -164,15 +164,15 @@ def frame_of(event: Event, version: str) -> Frame:
     )
 
 
-def run_of(frame: Frame, ground: Ground, made: ArmRun) -> RunSpec:
+def run_of(frame: Frame, ground: Ground, answer: ArmRun) -> RunSpec:
     """Return the run of an arm's answer, with what judge and place fix."""
-    triggers = list(made.triggers)
+    triggers = list(answer.triggers)
     if all(trigger.object_id != frame.initiator for trigger in triggers):
         # A session judges the event of an initiator that has a trigger; this one sends nothing.
         triggers.append(
             TriggerSpec(
                 id=f"{frame.initiator}_goes_on",
-                condition=ElapsedTime(type="elapsed_time", after_s=round(made.since_s, 3)),
+                condition=ElapsedTime(type="elapsed_time", after_s=round(answer.since_s, 3)),
                 object_id=frame.initiator,
                 manoeuvre=Hold(kind="hold"),
             )
@@ -183,11 +183,11 @@ def run_of(frame: Frame, ground: Ground, made: ArmRun) -> RunSpec:
         site=ground.name,
         site_version=area.link.sha256,
         seed=1,
-        road=road_of(made.block),
-        geofence=area.geofence(made.block),
-        vut=made.vut,
-        driver=made.driver,
-        targets=list(made.targets),
+        road=road_of(answer.block),
+        geofence=area.geofence(answer.block),
+        vut=answer.vut,
+        driver=answer.driver,
+        targets=list(answer.targets),
         triggers=triggers,
         limits=ground.limits,
         camera=None,
@@ -223,8 +223,8 @@ def share_of(seed: int) -> float:
     """Return by which share the VUT of a seed is faster than planned."""
     if seed == 0:
         return 0.0
-    drawn = np.random.default_rng([seed, _SEED_OF_SPREAD]).uniform(-VUT_SPREAD, VUT_SPREAD)
-    return round(float(drawn), 4)
+    share = np.random.default_rng([seed, _SEED_OF_SPREAD]).uniform(-VUT_SPREAD, VUT_SPREAD)
+    return round(float(share), 4)
 
 
 @dataclass(frozen=True)
@@ -273,7 +273,7 @@ class Trials:
         self._frame, self._ground = frame, ground
         self.left = budget
 
-    def run(self, made: ArmRun) -> Trial:
+    def run(self, answer: ArmRun) -> Trial:
         """Execute an arm's answer.
 
         Raises:
@@ -282,7 +282,7 @@ class Trials:
         if self.left <= 0:
             raise NoRun("its tuning budget is spent")
         self.left -= 1
-        return session(run_of(self._frame, self._ground, made))
+        return session(run_of(self._frame, self._ground, answer))
 
 
 Error = Callable[[ArmRun, Trial], float]
@@ -302,17 +302,17 @@ def best_of(trials: Trials, runs: Iterable[ArmRun], error: Error, enough_m: floa
     """
     best: tuple[float, ArmRun] | None = None
     why = ""
-    for made in runs:
+    for answer in runs:
         if trials.left <= 0:
             break
-        trial = trials.run(made)
+        trial = trials.run(answer)
         if trial.refused:
             why = why or trial.refused
             continue
-        found = error(made, trial)
-        if best is None or found < BETTER * best[0]:
-            best = found, made
-        if found <= enough_m:
+        error_m = error(answer, trial)
+        if best is None or error_m < BETTER * best[0]:
+            best = error_m, answer
+        if error_m <= enough_m:
             break
     if best is None:
         raise NoRun(why or "no lane of it has room for the motion")
@@ -322,8 +322,8 @@ def best_of(trials: Trials, runs: Iterable[ArmRun], error: Error, enough_m: floa
 def times_and_places(series: Series, object_id: str) -> FloatArray:
     """Return times, x and y of an object, shape (3, n)."""
     rows = [(t, now[object_id].x_m, now[object_id].y_m) for t, now in series if object_id in now]
-    found: FloatArray = np.array(rows).T
-    return found
+    track: FloatArray = np.array(rows).T
+    return track
 
 
 VUT = VUT_ID

@@ -82,13 +82,15 @@ def judge_trial(event: Event, road: Road, words: Mapping[str, str], trial: Trial
     if measured is None:
         return Judgement(verdict, off_spec=verdict == "off_spec", why=first or "no states")
     expected, varying = expected_properties(event), varying_parts(event)
-    wanted = {k: q.without(varying) if k == TOPOLOGY else q for k, q in expected.items()}
-    found = {k: q.without(varying) if k == TOPOLOGY else q for k, q in measured.properties.items()}
-    kept = {k: k in found and is_equal(found[k], wanted[k]) for k in FIELDS}
+    targets = {k: q.without(varying) if k == TOPOLOGY else q for k, q in expected.items()}
+    properties = {
+        k: q.without(varying) if k == TOPOLOGY else q for k, q in measured.properties.items()
+    }
+    retention = {k: k in properties and is_equal(properties[k], targets[k]) for k in FIELDS}
     weights = {str(k): w for k, w in event.constraints.weights.items()}
     gap_s = measured.facts["time_gap_s"]
-    passing = _passing(event, gap_s, order_kept=kept["passing_order"])
-    findings = property_findings(found, wanted, measured.phases, measured.first_arrival_s)
+    passing = _passing(event, gap_s, order_kept=retention["passing_order"])
+    findings = property_findings(properties, targets, measured.phases, measured.first_arrival_s)
     missing = phase_findings(measured.phases, "")
     outside = outside_ranges(event, measured.properties[TOPOLOGY])
     further = further_findings(event, measured, rules_of(event).thresholds)
@@ -103,8 +105,8 @@ def judge_trial(event: Event, road: Road, words: Mapping[str, str], trial: Trial
     return Judgement(
         verdict=verdict,
         off_spec=off_spec,
-        kept=kept,
-        kpr=property_retention(found, wanted, weights),
+        kept=retention,
+        kpr=property_retention(properties, targets, weights),
         epd=_epd(event, measured),
         located=not missing,
         time_gap_s=rounded(gap_s),
@@ -115,14 +117,14 @@ def judge_trial(event: Event, road: Road, words: Mapping[str, str], trial: Trial
 
 def _passing(event: Event, gap_s: float | None, *, order_kept: bool) -> list[str]:
     """List how passing order and time gap depart from K*, where they are determined."""
-    found = []
+    departures = []
     if not order_kept:
-        found.append(f"passing order isn't {' before '.join(event.interaction.passing_order)}")
-    wanted = event.constraints.time_gap
-    if gap_s is not None and isinstance(wanted, Interval) and not wanted.si.holds(gap_s):
-        span = wanted.si
-        found.append(f"time gap {gap_s:.2f} s, K* has {span.low:g} to {span.high:g} s")
-    return found
+        departures.append(f"passing order isn't {' before '.join(event.interaction.passing_order)}")
+    target = event.constraints.time_gap
+    if gap_s is not None and isinstance(target, Interval) and not target.si.holds(gap_s):
+        span = target.si
+        departures.append(f"time gap {gap_s:.2f} s, K* has {span.low:g} to {span.high:g} s")
+    return departures
 
 
 def _measured(

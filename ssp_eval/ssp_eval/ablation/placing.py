@@ -125,14 +125,14 @@ def placements(
     """
     best: dict[tuple[str, float], Placement] = {}
     for one in _placements(ground, need_m, bodies):
-        known = best.setdefault((one.block.block_id, one.lane.y_m), one)
-        if one.misfit_m < known.misfit_m - _SAME_M:
+        incumbent = best.setdefault((one.block.block_id, one.lane.y_m), one)
+        if one.misfit_m < incumbent.misfit_m - _SAME_M:
             best[one.block.block_id, one.lane.y_m] = one
     if not best:
         longest = max((block.length_m for block in ground.blocks), default=0.0)
         raise NoRun(f"no lane is long enough: {need_m:.0f} m are needed, {longest:.0f} m are there")
-    found = sorted(best.values(), key=lambda one: one.misfit_m)
-    as_good = (one for one in found if one.misfit_m <= found[0].misfit_m + _AS_GOOD_M)
+    candidates = sorted(best.values(), key=lambda one: one.misfit_m)
+    as_good = (one for one in candidates if one.misfit_m <= candidates[0].misfit_m + _AS_GOOD_M)
     return list(islice(as_good, MOST_LANES))
 
 

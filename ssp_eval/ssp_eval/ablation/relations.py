@@ -92,27 +92,27 @@ def _comes(course: Course) -> bool:
 def change_of(course: Course, relations: Relations) -> Change | None:
     """Return the change of an object's motion; None: it goes on as it was seen first."""
     t, speed, left = relations.times_s, course.speed_mps, course.left_m
-    stood = float(speed[0]) < STANDS_MPS
+    is_standing = float(speed[0]) < STANDS_MPS
     shift_m = float(left[-1] - left[0])
     to_mps = float(speed[-1])
     changes_speed = abs(to_mps - float(speed[0])) > _SAME_MPS
-    if not changes_speed and (stood or abs(shift_m) < _SAME_M):
+    if not changes_speed and (is_standing or abs(shift_m) < _SAME_M):
         return None
     duration_s = 0.0
     middle_s = np.inf
     begins = []
     rate = 2.0
     if changes_speed:
-        done = (speed - speed[0]) / (to_mps - speed[0])
-        first, last = (float(t[int(np.argmax(done >= share))]) for share in (_FROM, _TO))
+        progress = (speed - speed[0]) / (to_mps - speed[0])
+        first, last = (float(t[int(np.argmax(progress >= share))]) for share in (_FROM, _TO))
         rate = (_TO - _FROM) * abs(to_mps - float(speed[0])) / max(last - first, 1e-3)
         middle_s = 0.5 * (first + last)
         begins.append(middle_s - 0.5 * abs(to_mps - float(speed[0])) / rate)
-    if not stood and abs(shift_m) >= _SAME_M:
+    if not is_standing and abs(shift_m) >= _SAME_M:
         across = np.gradient(left, t)
         duration_s = _QUINTIC_PEAK * abs(shift_m) / float(np.abs(across).max())
-        done = (left - left[0]) / shift_m
-        begins.append(float(t[int(np.argmax(done >= 0.5))]) - 0.5 * duration_s)
+        progress = (left - left[0]) / shift_m
+        begins.append(float(t[int(np.argmax(progress >= 0.5))]) - 0.5 * duration_s)
     at_s = max(0.0, min(begins))
     ahead_m = float(np.interp(at_s - _LEAD_S, t, course.ahead_m))
     size = size_of(course.object_class)
@@ -131,8 +131,8 @@ def by_relations(relations: Relations, ground: Ground, trials: Trials) -> ArmRun
     # Everything is laid out from the first instant at which some motion changes.
     at_s = min((one.at_s for one in changes.values() if one is not None), default=0.0)
     solver = _Solver(relations, changes, at_s, ground)
-    found = placements(ground, solver.need_m, solver.bodies)
-    return best_of(trials, solver.runs(found), solver.error_m, _ENOUGH_M)
+    candidates = placements(ground, solver.need_m, solver.bodies)
+    return best_of(trials, solver.runs(candidates), solver.error_m, _ENOUGH_M)
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ class _Solver:
 
     def bodies(self, _block: Block, lane: BlockLane, _start_s_m: float) -> list[Body]:
         """Return the bodies beside the VUT's lane, first and last as they were seen."""
-        found = []
+        end_bodies = []
         for course in self.relations.courses:
             for k in (0, -1):
                 stands = float(course.speed_mps[k]) < STANDS_MPS
@@ -188,12 +188,12 @@ class _Solver:
                     continue
                 forward = abs(wrap_angle(float(course.heading_rad[k]))) < np.pi / 2
                 l_m = lane.y_m + float(course.left_m[k])
-                found.append(Body(course.object_class, l_m, forward, stands))
-        return found
+                end_bodies.append(Body(course.object_class, l_m, forward, stands))
+        return end_bodies
 
-    def runs(self, found: list[Placement]) -> Iterator[ArmRun]:
+    def runs(self, candidates: list[Placement]) -> Iterator[ArmRun]:
         """Yield answers in the order in which they are tried."""
-        for number, placement in enumerate(found):
+        for number, placement in enumerate(candidates):
             for headway_s in HEADWAYS_S[: None if number == 0 else 1]:
                 try:
                     yield self._arm_run(placement, headway_s)
@@ -302,7 +302,7 @@ class _Solver:
             run_out_s=_RUN_OUT_S,
         )
 
-    def error_m(self, made: ArmRun, trial: Trial) -> float:
+    def error_m(self, answer: ArmRun, trial: Trial) -> float:
         """Return the rms departure of executed from given relative places, from the change on, m.
 
         Instants count from the one at which a motion changed, and without one from the foreseen.
@@ -311,7 +311,7 @@ class _Solver:
         if not fired:
             return np.inf
         vut = states_of(trial.series, VUT)
-        share = self._share(made.block)
+        share = self._share(answer.block)
         squares = []
         for course in self.relations.courses:
             other = states_of(trial.series, course.object_id)

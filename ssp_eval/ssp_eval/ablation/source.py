@@ -125,9 +125,11 @@ class Relations:
 
 def cast_of(event: Event) -> Cast:
     """Return who takes part; nothing else of the event is read."""
-    found = event.participants
-    vut = next(name for name, one in found.items() if one.role == "VUT")
-    return Cast(vut, {name: ObjectClass.from_word(one.class_) for name, one in found.items()})
+    participants = event.participants
+    vut = next(name for name, one in participants.items() if one.role == "VUT")
+    return Cast(
+        vut, {name: ObjectClass.from_word(one.class_) for name, one in participants.items()}
+    )
 
 
 def read_source(event: Event, recording: Path | None = None) -> Source:

@@ -29,9 +29,9 @@ def by_structure(event: Event, version: str, ground: Ground) -> tuple[RunSpec, s
     fits = [score for score in scores if score.eligible]
     for k, score in enumerate(fits[: BUDGET // (MOST_RUN * _SESSIONS_OF_PLAN)]):
         try:
-            made = realise(order, blocks[score.block])
+            realisation = realise(order, blocks[score.block])
         except CannotPlace as error:
             why = str(error) if k == 0 else why
             continue
-        return executed(made.task.run), score.block
+        return executed(realisation.task.run), score.block
     raise NoRun(why)

@@ -54,24 +54,29 @@ class Measure:
         return one.compiled or not self.of_runs
 
 
-def _judged(key: str) -> Callable[[Realisation], bool]:
+def _judgement_flag(key: str) -> Callable[[Realisation], bool]:
     return lambda one: one.judged is not None and bool(getattr(one.judged, key))
 
 
-def _kept(field: str) -> Callable[[Realisation], bool]:
+def _retention_flag(field: str) -> Callable[[Realisation], bool]:
     return lambda one: one.judged is not None and one.judged.kept.get(field, False)
 
 
 SHARES = (
     Measure("compiled", "compiled", lambda one: one.compiled),
-    Measure("valid", "valid", _judged("valid")),
-    Measure("off_spec", "off_spec", _judged("off_spec")),
-    Measure("admitted", "admitted", _judged("admitted")),
-    Measure("lost", "event lost", lambda one: one.compiled and not _judged("admitted")(one)),
+    Measure("valid", "valid", _judgement_flag("valid")),
+    Measure("off_spec", "off_spec", _judgement_flag("off_spec")),
+    Measure("admitted", "admitted", _judgement_flag("admitted")),
+    Measure(
+        "lost", "event lost", lambda one: one.compiled and not _judgement_flag("admitted")(one)
+    ),
 )
 FIELD_SHARES = (
-    *(Measure(name, name.replace("_", " "), _kept(name), of_runs=True) for name in FIELDS),
-    Measure("located", "phases located", _judged("located"), of_runs=True),
+    *(
+        Measure(name, name.replace("_", " "), _retention_flag(name), of_runs=True)
+        for name in FIELDS
+    ),
+    Measure("located", "phases located", _judgement_flag("located"), of_runs=True),
 )
 
 
@@ -117,8 +122,8 @@ def arms_table(realisations: Sequence[Realisation]) -> Table:
     for arm in ARMS:
         row: list[Value] = [arm, sum(one.arm == arm for one in realisations)]
         for measure in SHARES:
-            found = share_of_arm(realisations, arm, measure)
-            row += [found.value, found.interval.low, found.interval.high]
+            share = share_of_arm(realisations, arm, measure)
+            row += [share.value, share.interval.low, share.interval.high]
         for key in ("kpr", "epd"):
             values = values_of(realisations, arm, key)
             mean = math.fsum(values) / len(values) if values else None
@@ -171,12 +176,12 @@ class Pair:
 
 def pairs_of(realisations: Sequence[Realisation]) -> list[Pair]:
     """Compare each two arms by each measure: McNemar's test of shares, signed ranks of values."""
-    found = []
+    pairs = []
     for first, second in combinations(ARMS, 2):
         measures = (*SHARES, *FIELD_SHARES)
-        found += [_shares(realisations, first, second, measure) for measure in measures]
-        found += [_values(realisations, first, second, key) for key in ("kpr", "epd")]
-    return found
+        pairs += [_shares(realisations, first, second, measure) for measure in measures]
+        pairs += [_values(realisations, first, second, key) for key in ("kpr", "epd")]
+    return pairs
 
 
 Place = tuple[str, int]
@@ -301,7 +306,7 @@ def findings(realisations: Sequence[Realisation]) -> list[str]:
     """
     pairs = [one for one in pairs_of(realisations) if one.first == ARMS[0]]
     adjusted = step_down([one.by_place.p for one in pairs])
-    found = []
+    lines = []
     for other in ARMS[1:]:
         differing = [
             f"{_TITLES.get(one.measure, one.measure.upper())} {one.difference:+.2f} on "
@@ -309,18 +314,18 @@ def findings(realisations: Sequence[Realisation]) -> list[str]:
             for one, p in zip(pairs, adjusted, strict=True)
             if one.second == other and one.difference and one.by_place.p_least < 1.0
         ]
-        told = "; ".join(differing) or "nothing differs on more than one place"
-        found.append(f"{ARMS[0]} less {other}: {told}")
+        differences = "; ".join(differing) or "nothing differs on more than one place"
+        lines.append(f"{ARMS[0]} less {other}: {differences}")
         single = [
             f"{_TITLES.get(one.measure, one.measure.upper())} {one.difference:+.2f}"
             for one in pairs
             if one.second == other and one.difference and one.by_place.p_least >= 1.0
         ]
         if single:
-            found.append(f"  on a single place: {', '.join(single)}")
+            lines.append(f"  on a single place: {', '.join(single)}")
     least = min((one.by_place.p_least for one in pairs), default=1.0)
-    found.append(
+    lines.append(
         f"p over places, after Holm for {len(pairs)} comparisons; before it none can be under "
         f"{least:.2g} on so few places"
     )
-    return found
+    return lines

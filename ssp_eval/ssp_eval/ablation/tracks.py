@@ -66,20 +66,20 @@ def by_tracks(tracks: Tracks, ground: Ground, trials: Trials) -> ArmRun:
     Raises:
         NoRun: the tracks fit onto no lane of it, or can't be driven there.
     """
-    found = placements(ground, _need_m(tracks, ground), _bodies(tracks, ground))
+    candidates = placements(ground, _need_m(tracks, ground), _bodies(tracks, ground))
     best: tuple[float, ArmRun] | None = None
     why = ""
-    for number, placement in enumerate(found):
+    for number, placement in enumerate(candidates):
         laid = _laid(tracks, ground, placement.block)
         headways = HEADWAYS_S if number == 0 or best is None else (best[1].driver.headway_s,)
         for headway_s in headways:
             try:
-                error_m, made = _tuned(tracks, ground, placement, laid, headway_s, trials)
+                error_m, answer = _tuned(tracks, ground, placement, laid, headway_s, trials)
             except NoRun as error:
                 why = why or str(error)
                 continue
             if best is None or error_m < BETTER * best[0]:
-                best = error_m, made
+                best = error_m, answer
         if best is not None and best[0] <= _ENOUGH_M:
             break
     if best is None:
@@ -126,7 +126,7 @@ def _bodies(tracks: Tracks, ground: Ground) -> Callable[[Block, BlockLane, float
     laid = {block.block_id: _laid(tracks, ground, block) for block in ground.blocks}
 
     def bodies(block: Block, lane: BlockLane, start_s_m: float) -> list[Body]:
-        found = []
+        end_bodies = []
         for one in (tracks.vut, *tracks.others):
             places = _map_places(tracks, one, block, lane, start_s_m, laid[block.block_id])
             for k, near in ((0, 1), (-1, -2)):
@@ -136,8 +136,8 @@ def _bodies(tracks: Tracks, ground: Ground) -> Callable[[Block, BlockLane, float
                 s_m, l_m = block.line.to_local(*places[k])
                 s_near, _ = block.line.to_local(*places[near])
                 forward = (s_m - s_near if k else s_near - s_m) >= 0.0
-                found.append(Body(one.object_class, l_m, forward, stands))
-        return found
+                end_bodies.append(Body(one.object_class, l_m, forward, stands))
+        return end_bodies
 
     return bodies
 
@@ -184,21 +184,21 @@ def _tuned(
     Returns:
         The rms distance of what was executed from what was observed, m, and the answer.
     """
-    made = _arm_run(tracks, ground, placement, laid, headway_s)
-    trial = trials.run(made)
+    answer = _arm_run(tracks, ground, placement, laid, headway_s)
+    trial = trials.run(answer)
     if trial.refused:
         raise NoRun(trial.refused)
     error_m = _error_m(tracks, placement, laid, trial)
     late_s = _late_s(placement, laid, trial)
     if late_s is None or abs(late_s) < 0.02 or trials.left <= 0:
-        return error_m, made
+        return error_m, answer
     moved = replace(laid, since_s=laid.since_s + late_s)
     again = _arm_run(tracks, ground, placement, moved, headway_s)
     trial = trials.run(again)
     if trial.refused:
-        return error_m, made
+        return error_m, answer
     error_again_m = _error_m(tracks, placement, moved, trial)
-    return (error_again_m, again) if error_again_m < error_m else (error_m, made)
+    return (error_again_m, again) if error_again_m < error_m else (error_m, answer)
 
 
 def _late_s(placement: Placement, laid: _PlacedTracks, trial: Trial) -> float | None:
@@ -218,14 +218,14 @@ def _late_s(placement: Placement, laid: _PlacedTracks, trial: Trial) -> float | 
 def _error_m(tracks: Tracks, placement: Placement, laid: _PlacedTracks, trial: Trial) -> float:
     squares = []
     for name, one in ((VUT, tracks.vut), *((one.object_id, one) for one in tracks.others)):
-        wanted = _map_places(
+        targets_m = _map_places(
             tracks, one, placement.block, placement.lane, placement.start_s_m, laid
         )
         times, xs, ys = times_and_places(trial.series, name)
         at = laid.since_s + tracks.times_s / laid.share
-        seen = at <= times[-1]
-        x, y = np.interp(at[seen], times, xs), np.interp(at[seen], times, ys)
-        squares.append((x - wanted[seen, 0]) ** 2 + (y - wanted[seen, 1]) ** 2)
+        overlap = at <= times[-1]
+        x, y = np.interp(at[overlap], times, xs), np.interp(at[overlap], times, ys)
+        squares.append((x - targets_m[overlap, 0]) ** 2 + (y - targets_m[overlap, 1]) ** 2)
     together = np.concatenate(squares)
     if not len(together):
         return np.inf

@@ -46,11 +46,11 @@ def version_findings(
 ) -> list[Finding]:
     """Check that a recording is of the K* that the audit is of."""
     facts = recording.provenance
-    found = [] if facts.run is None else list(recording.attached.findings)
+    findings = [] if facts.run is None else list(recording.attached.findings)
     # One cause, however many of its signs there are.
     other = []
     if version is None:
-        found.append(Finding("not_compiled", "there is no K* to compare the recording with"))
+        findings.append(Finding("not_compiled", "there is no K* to compare the recording with"))
     elif facts.event_version is None:
         other.append("the recording names no K* version")
     elif facts.event_version != version:
@@ -58,16 +58,16 @@ def version_findings(
     if event is not None and facts.scenario not in (None, event.name):
         other.append(f"it is of {facts.scenario}, the audit is of {event.name}")
     if other:
-        found.append(Finding("other_event", "; ".join(other)))
+        findings.append(Finding("other_event", "; ".join(other)))
     task = recording.attached.task
     if task is not None and facts.event_version not in (None, task.event.version):
-        found.append(
+        findings.append(
             Finding(
                 "seal_broken",
                 f"the run names K* {facts.event_version}, its task {task.event.version}",
             )
         )
-    return found
+    return findings
 
 
 def _video(one: Subject) -> Iterator[Finding]:
@@ -82,13 +82,13 @@ def _crop(one: Subject) -> Iterator[Finding]:
     imported, at = one.whole.provenance.imported, source_times(one.event)
     is_other = False
     for name in ("start", "end"):
-        given = None if imported is None else imported.crop.get(f"{name}_s")
-        if name not in at or not isinstance(given, int | float) or not math.isfinite(given):
+        crop_s = None if imported is None else imported.crop.get(f"{name}_s")
+        if name not in at or not isinstance(crop_s, int | float) or not math.isfinite(crop_s):
             continue
         when = at[name]
-        if not when.low - CROP_TOLERANCE_S <= given <= when.high + CROP_TOLERANCE_S:
+        if not when.low - CROP_TOLERANCE_S <= crop_s <= when.high + CROP_TOLERANCE_S:
             is_other = True
-            text = f"the crop's {name} is {given:g} s, the K*'s clip's is {when.mid:g} s"
+            text = f"the crop's {name} is {crop_s:g} s, the K*'s clip's is {when.mid:g} s"
             yield Finding("other_source", text)
     last_s = one.whole.end_s
     if not {"start", "end"} <= set(at) or last_s is None or is_other:
@@ -105,10 +105,10 @@ def _review(one: Subject) -> Iterator[Finding]:
     """List what isn't reviewed of the K*'s source clip, where it isn't measured."""
     if one.event is None or not one.is_source or one.measured is not None:
         return
-    gaps, wanted = review_of(one.event).gaps, expected_properties(one.event)
+    gaps, properties = review_of(one.event).gaps, expected_properties(one.event)
     for name in FIELDS:
-        if gaps[name] or wanted[name].words is None:
-            why = "; ".join(gaps[name]) or wanted[name].how
+        if gaps[name] or properties[name].words is None:
+            why = "; ".join(gaps[name]) or properties[name].how
             yield Finding("unverified", f"{name.replace('_', ' ')}: {why}")
     if gaps[PHASES_FIELD]:
         yield Finding("unverified", f"phases: {'; '.join(gaps[PHASES_FIELD])}")
@@ -199,9 +199,9 @@ def _off_spec(one: Subject) -> Iterator[Finding]:
     if one.event is None:
         return
     gap_s = None if one.measured is None else one.measured.facts.get("time_gap_s")
-    wanted = one.event.constraints.time_gap
-    if gap_s is not None and isinstance(wanted, Interval):
-        span = wanted.si
+    time_gap = one.event.constraints.time_gap
+    if gap_s is not None and isinstance(time_gap, Interval):
+        span = time_gap.si
         if not span.low - 1e-9 <= gap_s <= span.high + 1e-9:
             text = f"time gap {gap_s:.2f} s, K* has {span.low:g} to {span.high:g} s"
             yield Finding("off_spec", text)
@@ -274,16 +274,16 @@ _CODES = {CONFLICT: "conflict_type_differs", ORDER: "order_differs", MOTION: "mo
 
 
 def property_findings(
-    found: Mapping[str, Property],
-    wanted: Mapping[str, Property],
+    properties: Mapping[str, Property],
+    references: Mapping[str, Property],
     phases: Phases | None,
     first_arrival_s: float | None,
 ) -> list[Finding]:
     """List the mandatory properties that aren't preserved.
 
     Args:
-        found: q(d, k) of the fields that are verified.
-        wanted: what it must be equal to; a field that isn't determined there judges nothing.
+        properties: q(d, k) of the fields that are verified.
+        references: what it must be equal to; a field that isn't determined there judges nothing.
         phases: of this recording; None: none were located.
         first_arrival_s: at the conflict zone, None: no participant arrives.
     """
@@ -295,7 +295,7 @@ def property_findings(
     }
     findings: list[Finding] = []
     for name in FIELDS:
-        value, reference = found.get(name), wanted[name]
+        value, reference = properties.get(name), references[name]
         if value is None or reference.words is None:
             continue
         if value.words is None:

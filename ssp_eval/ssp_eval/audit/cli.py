@@ -108,30 +108,30 @@ def audit(
     with console.progress("measuring", 9) as bar:
         task = bar.task_ids[0]
         paths = (synthetic, simulation, physical)
-        judged = judge_files(paths, event, limits, lambda: bar.advance(task))
+        judgement = judge_files(paths, event, limits, lambda: bar.advance(task))
         bar.update(task, description="drawing")
-        drawn = draw(judged.examined, lambda _done, _of: bar.advance(task))
-        for one in judged.examined:
+        page_pictures = draw(judgement.examined, lambda _done, _of: bar.advance(task))
+        for one in judgement.examined:
             one.whole.files.check_same()
-        page = render(judged.audit, drawn)
-    value = judged.audit.model_dump(mode="json", by_alias=True)
+        page = render(judgement.audit, page_pictures)
+    value = judgement.audit.model_dump(mode="json", by_alias=True)
     write_json(out / AUDIT_FILE, value)
     write_text(out / PAGE_FILE, page)
     if as_json:
-        click.echo(judged.audit.model_dump_json(by_alias=True))
+        click.echo(judgement.audit.model_dump_json(by_alias=True))
     else:
-        show(judged.audit)
+        show(judgement.audit)
         console.note(f"written to {out / AUDIT_FILE} and {out / PAGE_FILE}")
-    return 0 if judged.audit.admitted else 1
+    return 0 if judgement.audit.admitted else 1
 
 
-def show(found: Audit) -> None:
+def show(report: Audit) -> None:
     """Print the audit as a table, and every reason under it."""
     table = Table(box=None, pad_edge=False)
     names = ("domain", "recording", "status", "evidence", "KPR", "EPD", "visible", "labels")
     for name in (*names, "primary reason"):
         table.add_column(name, no_wrap=True)
-    for r in found.recordings:
+    for r in report.recordings:
         primary = r.reasons[0].text if r.reasons else "·"
         table.add_row(
             r.domain,
@@ -147,12 +147,12 @@ def show(found: Audit) -> None:
     unbounded = console.out.options.update(max_width=_WIDEST)
     table.width = console.out.measure(table, options=unbounded).maximum
     console.out.print(table)
-    if found.labels is not None:
-        console.note(f"labels per phase: {found.labels}")
-    for pair in [] if found.response is None else found.response.pairs:
+    if report.labels is not None:
+        console.note(f"labels per phase: {report.labels}")
+    for pair in [] if report.response is None else report.response.pairs:
         for line in response_lines(pair):
             console.note(line)
-    for r in found.recordings:
+    for r in report.recordings:
         for reason in r.reasons:
             console.out.print(f"{r.domain}: {reason.text}: {reason.detail}", markup=False)
             for following in reason.consequences:
@@ -199,5 +199,5 @@ def _number(value: float | None, digits: int) -> str:
 def _visible(r: RecordingEntry) -> str:
     """Return the smallest share of an object or zone that must be visible."""
     sights = [*r.coverage.participants.values(), *([r.coverage.zone] if r.coverage.zone else [])]
-    known = [sight.fraction for sight in sights if sight.fraction is not None]
-    return f"{100 * min(known):.0f} %" if known else "–"
+    fractions = [sight.fraction for sight in sights if sight.fraction is not None]
+    return f"{100 * min(fractions):.0f} %" if fractions else "–"

@@ -74,8 +74,8 @@ def declare(bag: Path, file: Path | None, template: Path | None) -> None:
                 field=absolute(declared_topic(who)),
                 remedy="take the bag as it was recorded, or cut it with this topic",
             )
-    written = seal_declaration(declaration, folder)
-    console.out.print(f"{written}: declared by {declaration.text}", markup=False)
+    declaration_path = seal_declaration(declaration, folder)
+    console.out.print(f"{declaration_path}: declared by {declaration.text}", markup=False)
     with BagReader(path) as reader:
         after = read_provenance(reader).participation
     if after is not None:

@@ -51,7 +51,7 @@ def hold_apart(examined: Sequence[Examination]) -> list[ComparedRecording]:
         return details[index]
 
     twins: list[list[str]] = [[] for _ in examined]
-    told: list[list[str]] = [[] for _ in examined]
+    remarks: list[list[str]] = [[] for _ in examined]
     for i, j in combinations(range(len(examined)), 2):
         first, second = examined[i].whole, examined[j].whole
         theirs = first.provenance.domain
@@ -67,14 +67,14 @@ def hold_apart(examined: Sequence[Examination]) -> list[ComparedRecording]:
             continue
         same = _same(first, second, tracks[i], tracks[j])
         if same is None:
-            told[j].append(f"another drive than {theirs}")
+            remarks[j].append(f"another drive than {theirs}")
         elif are_simulated and not shared:
-            told[j].append(
+            remarks[j].append(
                 f"equal to {theirs}'s ({same.text}), as of two simulated sessions of one K*: "
                 f"{_origin(second.provenance)}, and {_origin(first.provenance)}"
             )
         else:
-            told[j].append(f"equal to {theirs}'s ({same.text})")
+            remarks[j].append(f"equal to {theirs}'s ({same.text})")
             if not shared:
                 twins[j].append(f"its tracks are those of the {theirs} recording ({same.text})")
     return [
@@ -82,26 +82,26 @@ def hold_apart(examined: Sequence[Examination]) -> list[ComparedRecording]:
             (Finding("same_recording", "; ".join(texts)),) if texts else (),
             "; ".join(lines),
         )
-        for texts, lines in zip(twins, told, strict=True)
+        for texts, lines in zip(twins, remarks, strict=True)
     ]
 
 
 def _shared(first: Provenance, second: Provenance) -> list[str]:
     """List what two recordings have in common, and which one was made from the other."""
-    found = []
+    shared_parts = []
     if first.bag_sha256 == second.bag_sha256:
-        found.append("the bag is that")
+        shared_parts.append("the bag is that")
     a, b = _sources(first), _sources(second)
-    found += [f"the {what} is that" for what in a if a[what] == b.get(what)]
+    shared_parts += [f"the {what} is that" for what in a if a[what] == b.get(what)]
     if first.bag_sha256 in b.values():
-        found.append("it was made from the bag")
+        shared_parts.append("it was made from the bag")
     if second.bag_sha256 in a.values():
-        found.append("its bag is the source")
+        shared_parts.append("its bag is the source")
     if first.run is not None and second.run is not None:
         token = first.run.session_token
         if token and token == second.run.session_token:
-            found.append(f"the session {token} is that")
-    return found
+            shared_parts.append(f"the session {token} is that")
+    return shared_parts
 
 
 def _sources(facts: Provenance) -> dict[str, str]:
@@ -195,5 +195,5 @@ def _same(first: Recording, second: Recording, a: _Views, b: _Views) -> SameDriv
     if ids[0] is None or ids[1] is None:
         return None
     vut = ids[0].vut, ids[1].vut
-    found = [same_drive(one, other, vut) for one, other in product(a, b)]
-    return min((one for one in found if one is not None), key=lambda one: one.rms_m, default=None)
+    drives = [same_drive(one, other, vut) for one, other in product(a, b)]
+    return min((one for one in drives if one is not None), key=lambda one: one.rms_m, default=None)

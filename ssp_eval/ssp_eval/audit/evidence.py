@@ -46,13 +46,13 @@ def expected_properties(event: Event) -> dict[str, Property]:
     return {
         TOPOLOGY: _topology(event),
         ROLES: _roles(event),
-        MOTION: _known({"motion": (event.interaction.dominant_motion,)}),
-        CONFLICT: _known({"paths": (event.interaction.relation,)}),
-        ORDER: _known({"order": (" before ".join(event.interaction.passing_order),)}),
+        MOTION: _event_property({"motion": (event.interaction.dominant_motion,)}),
+        CONFLICT: _event_property({"paths": (event.interaction.relation,)}),
+        ORDER: _event_property({"order": (" before ".join(event.interaction.passing_order),)}),
     }
 
 
-def _known(words: Mapping[str, tuple[str, ...]]) -> Property:
+def _event_property(words: Mapping[str, tuple[str, ...]]) -> Property:
     return Property(words, "from the K*")
 
 
@@ -61,12 +61,12 @@ def varying_parts(event: Event) -> frozenset[str]:
     return frozenset(event.topology.varying_fields)
 
 
-def outside_ranges(event: Event, found: Property) -> list[str]:
+def outside_ranges(event: Event, topology: Property) -> list[str]:
     """Return parts of a measured topology that vary, but not inside the K*'s range, for people."""
     wrong = []
-    for part in varying_parts(event) & set(found.words or {}):
+    for part in varying_parts(event) & set(topology.words or {}):
         field = getattr(event.topology, part)
-        words = (found.words or {})[part]
+        words = (topology.words or {})[part]
         if field.varies is not None and not any(_admits(field, word) for word in words):
             ranges = field.varies
             text = (
@@ -90,7 +90,7 @@ def _topology(event: Event) -> Property:
     open_fields = [n for n in road.identity_fields if getattr(road, n).value == UNRESOLVED]
     if open_fields:
         return Property(None, f"topology.{open_fields[0]} is unresolved in the K*")
-    return _known({**words, "adjacency": (_adjacency(event),)})
+    return _event_property({**words, "adjacency": (_adjacency(event),)})
 
 
 def _adjacency(event: Event) -> str:
@@ -115,7 +115,7 @@ def _roles(event: Event) -> Property:
         words[comes_part(event.interaction.initiator)] = (COMES_OPPOSITE,)
     words["initiator"] = (event.interaction.initiator,)
     words["affected"] = (event.interaction.affected,)
-    return _known(words)
+    return _event_property(words)
 
 
 def seen_field(who: str) -> str:
@@ -238,17 +238,17 @@ UNVERIFIED = Value(
 )
 
 
-def combined(said: Sequence[Evidence]) -> dict[str, Value]:
+def combined(evidence: Sequence[Evidence]) -> dict[str, Value]:
     """Return q(d, k) per field: of several sources the first that has one, part by part.
 
     Args:
-        said: in the order in which they count.
+        evidence: in the order in which it counts.
     """
-    found: dict[str, Value] = {}
+    values_by_field: dict[str, Value] = {}
     for name in FIELDS:
-        values = [(one, one.properties[name]) for one in said if name in one.properties]
+        values = [(one, one.properties[name]) for one in evidence if name in one.properties]
         if not values:
-            found[name] = UNVERIFIED
+            values_by_field[name] = UNVERIFIED
             continue
         first, value = values[0]
         words = dict(value.words or {})
@@ -259,10 +259,10 @@ def combined(said: Sequence[Evidence]) -> dict[str, Value]:
                 words |= added
                 how += f"; {', '.join(p.replace('_', ' ') for p in added)}: {other.said_by}"
                 source = other.source
-        found[name] = Value(
+        values_by_field[name] = Value(
             Property(words if value.words is not None else None, how), source, said_by
         )
-    return found
+    return values_by_field
 
 
 @dataclass(frozen=True)
@@ -283,7 +283,7 @@ PREDICTED = ("conflict", "resolution")
 
 
 def observed_differences(
-    said: Sequence[Evidence], varying: Collection[str] = ()
+    evidence: Sequence[Evidence], varying: Collection[str] = ()
 ) -> list[Difference]:
     """List where an observation differs from a source that ranks above it (METHOD 4.3).
 
@@ -292,25 +292,31 @@ def observed_differences(
     vary between domains, and a predicted instant that states give, refuse nothing.
 
     Args:
-        said: in the order in which they count.
+        evidence: in the order in which it counts.
         varying: parts of the topology that may differ between domains.
     """
-    found = []
-    for index, other in enumerate(said[1:], start=1):
-        before = combined(said[:index])
+    contradictions = []
+    for index, other in enumerate(evidence[1:], start=1):
+        before = combined(evidence[:index])
         for name, observed in other.properties.items():
             counts = before[name]
             if counts.source == "unverified" or observed.words is None:
                 continue
-            known = counts.property
+            reference = counts.property
             told_by_both = observed.without(
-                [p for p in observed.words if _may_lack(name, p) and p not in (known.words or {})]
+                [
+                    p
+                    for p in observed.words
+                    if _may_lack(name, p) and p not in (reference.words or {})
+                ]
             )
-            parts = known.without([p for p in known.words or {} if p not in observed.words])
+            parts = reference.without([p for p in reference.words or {} if p not in observed.words])
             differing = differences(told_by_both, parts)
             if differing is None:
                 text = f"{name.replace('_', ' ')}: {other.said_by} says {observed.text}"
-                found.append(Difference(f"{text}; {counts.said_by}: {known.how}", True))
+                contradictions.append(
+                    Difference(f"{text}; {counts.said_by}: {reference.how}", True)
+                )
                 continue
             may_vary = set(varying) & set(differing) if name == TOPOLOGY else set()
             for refuses, of in (
@@ -318,12 +324,12 @@ def observed_differences(
                 (False, {p: pair for p, pair in differing.items() if p in may_vary}),
             ):
                 if of:
-                    told = "; ".join(f"{p} {a}, not {b}" for p, (a, b) in of.items())
-                    text = f"{name.replace('_', ' ')}: {other.said_by} says {told}"
-                    why = known.how if refuses else "it may vary between domains"
-                    found.append(Difference(f"{text}; {counts.said_by}: {why}", refuses))
-        found += _phase_differences(said[:index], other)
-    return found
+                    deviation = "; ".join(f"{p} {a}, not {b}" for p, (a, b) in of.items())
+                    text = f"{name.replace('_', ' ')}: {other.said_by} says {deviation}"
+                    why = reference.how if refuses else "it may vary between domains"
+                    contradictions.append(Difference(f"{text}; {counts.said_by}: {why}", refuses))
+        contradictions += _phase_differences(evidence[:index], other)
+    return contradictions
 
 
 def _phase_differences(before: Sequence[Evidence], other: Evidence) -> list[Difference]:
@@ -331,7 +337,7 @@ def _phase_differences(before: Sequence[Evidence], other: Evidence) -> list[Diff
     first = next((one for one in before if one.starts is not None), None)
     if first is None or first.starts is None:
         return []
-    found = []
+    contradictions = []
     for phase, t_s in (other.starts or {}).items():
         known_s = first.starts.get(phase)
         if known_s is not None and abs(t_s - known_s) <= OBSERVED_TOLERANCE_S:
@@ -339,8 +345,10 @@ def _phase_differences(before: Sequence[Evidence], other: Evidence) -> list[Diff
         where = "is nowhere" if known_s is None else f"is at {known_s:.2f} s"
         text = f"the {phase}: {other.said_by} says {t_s:.2f} s; by {first.said_by} it {where}"
         predicted = known_s is not None and first.source == "states" and phase in PREDICTED
-        found.append(Difference(f"{text}, a prediction" if predicted else text, not predicted))
-    return found
+        contradictions.append(
+            Difference(f"{text}, a prediction" if predicted else text, not predicted)
+        )
+    return contradictions
 
 
 def _may_lack(field: str, part: str) -> bool:
@@ -350,9 +358,9 @@ def _may_lack(field: str, part: str) -> bool:
 
 def observed(agreement: Agreement) -> Evidence:
     """Return the evidence of one person, or of several persons who agree."""
-    seen = {k: q for k, q in agreement.properties().items() if q.words is not None}
+    properties = {k: q for k, q in agreement.properties().items() if q.words is not None}
     starts = agreement.answers.phase_starts()
-    return Evidence("observed", f"observed by {agreement.by}", seen, starts or None)
+    return Evidence("observed", f"observed by {agreement.by}", properties, starts or None)
 
 
 def is_source_clip(recording: Recording, event: Event | None) -> bool:
@@ -369,11 +377,13 @@ def is_source_clip(recording: Recording, event: Event | None) -> bool:
 
 def reviewed(event: Event) -> Evidence:
     """Return the evidence of persons' decisions about the source clip."""
-    review, wanted = review_of(event), expected_properties(event)
+    review, event_properties = review_of(event), expected_properties(event)
     properties = {
-        name: Property(wanted[name].words, f"reviewed in the K*; evidence: {review.evidence[name]}")
+        name: Property(
+            event_properties[name].words, f"reviewed in the K*; evidence: {review.evidence[name]}"
+        )
         for name in FIELDS
-        if not review.gaps[name] and wanted[name].words is not None
+        if not review.gaps[name] and event_properties[name].words is not None
     }
     starts = None if review.gaps[PHASES_FIELD] else phase_starts(event)
     return Evidence("reviewed", f"reviewed in K* {event.name}", properties, starts)

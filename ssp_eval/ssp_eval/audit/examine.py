@@ -128,16 +128,16 @@ def _examine(recording: Recording, event: Event | None, version: str | None) -> 
 def _subject(recording: Recording, event: Event | None, version: str | None) -> Subject:
     """Gather all that is known of a recording before it is judged."""
     is_source = is_source_clip(recording, event)
-    said: list[Evidence] = []
+    evidence: list[Evidence] = []
     crop, measured = _measured(recording, event, is_source)
     if measured is not None:
         by_states = measured.properties, _starts(measured.phases)
-        said.append(Evidence("states", recording.source, *by_states))
+        evidence.append(Evidence("states", recording.source, *by_states))
     if event is not None and is_source:
-        said.append(reviewed(event))
+        evidence.append(reviewed(event))
     if recording.agreement is not None:
-        said.append(observed(recording.agreement))
-    starts = next((one.starts for one in said if one.starts is not None), None)
+        evidence.append(observed(recording.agreement))
+    starts = next((one.starts for one in evidence if one.starts is not None), None)
     if crop is None:
         crop = _crop(recording, event, is_source, starts or {})
     phases = None
@@ -151,8 +151,8 @@ def _subject(recording: Recording, event: Event | None, version: str | None) -> 
         version=version,
         is_source=is_source,
         rules=rules_of(event, recording.provenance.run),
-        said=tuple(said),
-        values=combined(said),
+        said=tuple(evidence),
+        values=combined(evidence),
         crop=crop,
         measured=measured,
         phases=phases,
@@ -276,20 +276,20 @@ def _half_phi(event: Event | None, phases: Phases | None) -> dict[str, float]:
 
 def _announced(recording: Recording, phases: Phases | None) -> tuple[str, ...]:
     """List the announced phases of the run that aren't those that its states show."""
-    found = []
+    mismatches = []
     for name in EVENT_PHASES:
-        said = recording.phase_events.get(name)
+        event_s = recording.phase_events.get(name)
         measured = None if phases is None else getattr(phases, f"{name}_s")
-        if said is None and (measured is None or recording.provenance.run is None):
+        if event_s is None and (measured is None or recording.provenance.run is None):
             continue
-        if said is None or measured is None:
+        if event_s is None or measured is None:
             who = "the run announced" if measured is None else "the states show"
             other = "the states don't show it" if measured is None else "the run didn't announce it"
-            t_s = said if measured is None else measured
-            found.append(f"{who} the {name} at {t_s:.2f} s, {other}")
-        elif abs(said - measured) > PHASE_TOLERANCE_S:
-            found.append(
-                f"the run announced the {name} at {said:.2f} s, the states show it at "
+            t_s = event_s if measured is None else measured
+            mismatches.append(f"{who} the {name} at {t_s:.2f} s, {other}")
+        elif abs(event_s - measured) > PHASE_TOLERANCE_S:
+            mismatches.append(
+                f"the run announced the {name} at {event_s:.2f} s, the states show it at "
                 f"{measured:.2f} s"
             )
-    return tuple(found)
+    return tuple(mismatches)

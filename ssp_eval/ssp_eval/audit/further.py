@@ -170,14 +170,14 @@ def _at_the_start(event: Event, course: ScriptEvidence) -> Iterator[str]:
             )
 
 
-def _mostly(who: str, verb: str, found: Mapping[str, int], wanted: str) -> Iterator[str]:
-    total = sum(found.values())
-    if found.get(wanted, 0) >= HELD_SHARE * total:
+def _mostly(who: str, verb: str, counts: Mapping[str, int], event_word: str) -> Iterator[str]:
+    total = sum(counts.values())
+    if counts.get(event_word, 0) >= HELD_SHARE * total:
         return
-    others = ", ".join(word for word in sorted(found) if word != wanted)
+    others = ", ".join(word for word in sorted(counts) if word != event_word)
     yield (
-        f"{who} {verb} {wanted} at {found.get(wanted, 0)} of {total} instants from the trigger to "
-        f"the resolution, else {others}; K* has {wanted}"
+        f"{who} {verb} {event_word} at {counts.get(event_word, 0)} of {total} instants from the "
+        f"trigger to the resolution, else {others}; K* has {event_word}"
     )
 
 
@@ -185,13 +185,13 @@ def speeds_otherwise(
     event: Event, who: str, phase: PhaseWord, speeds_mps: Sequence[float]
 ) -> Iterator[str]:
     """Yield where the speeds of a phase aren't those of part C, for people."""
-    wanted = event.constraints.speeds.get(who, {}).get(phase)
-    if not isinstance(wanted, Interval):
+    speed_range = event.constraints.speeds.get(who, {}).get(phase)
+    if not isinstance(speed_range, Interval):
         return
-    low, high = wanted.si.low - SPEED_TOLERANCE_MPS, wanted.si.high + SPEED_TOLERANCE_MPS
+    low, high = speed_range.si.low - SPEED_TOLERANCE_MPS, speed_range.si.high + SPEED_TOLERANCE_MPS
     inside = sum(low <= speed <= high for speed in speeds_mps)
     if inside < HELD_SHARE * len(speeds_mps):
         yield (
             f"{who} drives {min(speeds_mps):.1f} to {max(speeds_mps):.1f} m/s in the {phase}, K* "
-            f"has {wanted.si.low:g} to {wanted.si.high:g} m/s"
+            f"has {speed_range.si.low:g} to {speed_range.si.high:g} m/s"
         )

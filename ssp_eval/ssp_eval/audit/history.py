@@ -53,11 +53,11 @@ def find_switches(
     Returns:
         In time order, each kind once per object.
     """
-    known = {*participants, *traffic}
-    found: dict[str, Switch] = {}
+    ids = {*participants, *traffic}
+    switches: dict[str, Switch] = {}
 
     def tell(kind: str, t_s: float, text: str) -> None:
-        found.setdefault(kind, Switch(t_s, text))
+        switches.setdefault(kind, Switch(t_s, text))
 
     last: dict[tuple[str, str], Sighting] = {}
     jumps: list[tuple[Sighting, Sighting]] = []
@@ -66,7 +66,7 @@ def find_switches(
         if now.source not in (WORLD, who):
             text = f"the states of {now.source} say {who} from {t_s:.2f} s on"
             tell(f"name {now.source}", t_s, text)
-        elif who not in known:
+        elif who not in ids:
             tell(f"unknown {who}", t_s, f"{who}, an unknown id, appears at {t_s:.2f} s")
         before = last.get((now.source, who), now)
         last[(now.source, who)] = now
@@ -96,7 +96,7 @@ def find_switches(
         if source == who and world is not None and world.object_class != own.object_class:
             text = f"{who} is a {own.object_class} in its own states and a {world.object_class}"
             tell(f"class {who}", own.t_s, f"{text} in the world")
-    return sorted(found.values(), key=lambda switch: (switch.t_s, switch.text))
+    return sorted(switches.values(), key=lambda switch: (switch.t_s, switch.text))
 
 
 def _gone(
@@ -155,8 +155,10 @@ def examine_history(one: Subject) -> History:
         changes, unlogged = site_changes(recording.attached, facts.run)
         findings += [*unlogged, *_safety(recording)]
     if agreement is not None:
-        found, told = _seen(agreement, bool(recording.series))
-        findings, identities = [*findings, *found], (*identities, *told)
+        observer_findings, observer_identities = _observer_statements(
+            agreement, bool(recording.series)
+        )
+        findings, identities = [*findings, *observer_findings], (*identities, *observer_identities)
     declared: list[tuple[str, Log | LogDeclaration]] = []
     if agreement is not None:
         declared.append((f"declared by {agreement.by}", agreement.answers.log))
@@ -185,23 +187,25 @@ def examine_history(one: Subject) -> History:
     return History(said_by, tuple(findings), identities, tuple(changes))
 
 
-def _seen(agreement: Agreement, has_states: bool) -> tuple[list[Finding], tuple[str, ...]]:
+def _observer_statements(
+    agreement: Agreement, has_states: bool
+) -> tuple[list[Finding], tuple[str, ...]]:
     """Check the observers' statements on identities.
 
     Of a video alone they must be able to make them.
     """
-    found, told = [], []
+    findings, identities = [], []
     stable = agreement.answers.identity_stable.value
     if stable is False:
-        found.append(Finding("identity_switch", f"seen by {agreement.by}"))
-        told.append(f"a switch, seen by {agreement.by}")
+        findings.append(Finding("identity_switch", f"seen by {agreement.by}"))
+        identities.append(f"a switch, seen by {agreement.by}")
     open_questions = list(agreement.answers.unverified_reasons())
     if stable is None:
         open_questions.append("identity")
     if open_questions and not has_states:
         names = ", ".join(dict.fromkeys(open_questions))
-        found.append(Finding("unverified", f"{agreement.by} leaves open: {names}"))
-    return found, tuple(told)
+        findings.append(Finding("unverified", f"{agreement.by} leaves open: {names}"))
+    return findings, tuple(identities)
 
 
 def _switches(recording: Recording) -> tuple[list[Finding], tuple[str, ...]]:
@@ -221,28 +225,28 @@ def _switches(recording: Recording) -> tuple[list[Finding], tuple[str, ...]]:
 
 def _safety(recording: Recording) -> list[Finding]:
     facts = recording.provenance
-    found = []
+    findings = []
     if facts.run is not None and facts.run.driven is not None:
-        found.append(Finding("driven", facts.run.driven.driver, math.inf))
-    found += [
+        findings.append(Finding("driven", facts.run.driven.driver, math.inf))
+    findings += [
         Finding("event_awaited", s.text, math.inf)
         if s.code in _AWAITED
         else Finding("safety_abort", s.text, s.t_s)
         for s in recording.safety
     ]
     if facts.refusal not in (None, NO_VERDICT):
-        if facts.verdict == "aborted" and not found:
-            found.append(Finding("safety_abort", facts.refusal))
+        if facts.verdict == "aborted" and not findings:
+            findings.append(Finding("safety_abort", facts.refusal))
         elif facts.verdict == "off_spec":
-            found.append(Finding("off_spec", facts.refusal, math.inf))
-        elif not found or any(f.code == "safety_abort" for f in found):
-            found.append(Finding("run_invalid", facts.refusal, math.inf))
+            findings.append(Finding("off_spec", facts.refusal, math.inf))
+        elif not findings or any(f.code == "safety_abort" for f in findings):
+            findings.append(Finding("run_invalid", facts.refusal, math.inf))
     if facts.lacks_verdict:
-        found.append(Finding("verdict_missing", NO_VERDICT, math.inf))
+        findings.append(Finding("verdict_missing", NO_VERDICT, math.inf))
     if facts.is_undeclared and facts.participation is not None:
         part = facts.participation
         remedy = "`ssp audit declare` takes a person's word"
         if part.lost:
             remedy = f"take the bag as it was recorded: it held the words of {', '.join(part.lost)}"
-        found.append(Finding("undeclared", f"{', '.join(part.silent)}; {remedy}"))
-    return found
+        findings.append(Finding("undeclared", f"{', '.join(part.silent)}; {remedy}"))
+    return findings

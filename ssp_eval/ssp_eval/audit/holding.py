@@ -38,9 +38,9 @@ def holds_otherwise(event: Event, course: ScriptEvidence) -> Iterator[str]:
     for phase, speeds_mps in course.speeds_mps.items():
         yield from speeds_otherwise(event, who, phase, speeds_mps)
     yield from _changes_speed(event, course)
-    wanted = event.constraints.manoeuvre.get("offset")
-    if isinstance(wanted, Interval):
-        span, offsets_m = wanted.si, course.offsets_m
+    offset_range = event.constraints.manoeuvre.get("offset")
+    if isinstance(offset_range, Interval):
+        span, offsets_m = offset_range.si, course.offsets_m
         low_m, high_m = span.low - _OFFSET_TOLERANCE_M, span.high + _OFFSET_TOLERANCE_M
         inside = sum(low_m <= offset_m <= high_m for offset_m in offsets_m)
         if inside < HELD_SHARE * len(offsets_m):
@@ -57,8 +57,8 @@ def _changes_speed(event: Event, course: ScriptEvidence) -> Iterator[str]:
     if not trends <= {"constant", "standing"} or not speeds_mps:
         return
     middle_mps = median(speeds_mps)
-    kept = sum(abs(speed - middle_mps) <= SPEED_TOLERANCE_MPS for speed in speeds_mps)
-    if kept < HELD_SHARE * len(speeds_mps):
+    steady_count = sum(abs(speed - middle_mps) <= SPEED_TOLERANCE_MPS for speed in speeds_mps)
+    if steady_count < HELD_SHARE * len(speeds_mps):
         yield (
             f"{course.object_id} drives {min(speeds_mps):.1f} to {max(speeds_mps):.1f} m/s from "
             f"the trigger to the resolution, K* has a constant speed"

@@ -60,47 +60,47 @@ NO_RENDERER = "none is known"
 def disclosures(one: Examination) -> dict[str, str]:
     """Return renderer, local speed, tracking error, disturbance, camera, look, log's additions."""
     recording, run = one.recording, one.recording.provenance.run
-    found: dict[str, str] = {RENDERER: recording.provenance.renderer or NO_RENDERER}
-    found["seal"] = recording.provenance.seal
+    texts: dict[str, str] = {RENDERER: recording.provenance.renderer or NO_RENDERER}
+    texts["seal"] = recording.provenance.seal
     if one.crop is not None and one.crop.shortfall:
-        found["clip"] = f"{one.crop.shortfall}: the recording holds no more"
-    found |= _local_speed(one)
+        texts["clip"] = f"{one.crop.shortfall}: the recording holds no more"
+    texts |= _local_speed(one)
     who = recording.provenance.participants
     noises_m = {} if who is None else step_noises_m(recording.sightings, who.ids)
     if noises_m:
-        found["noise of states, per step"] = noise_text(noises_m)
+        texts["noise of states, per step"] = noise_text(noises_m)
     if run is None:
-        return found | _of_import(recording.provenance)
-    found["site"] = f"{run.site}, {run.mode}, seed {run.seed}"
+        return texts | _of_import(recording.provenance)
+    texts["site"] = f"{run.site}, {run.mode}, seed {run.seed}"
     if gone := _left_out(recording):
-        found["topics that were left out"] = ", ".join(gone)
+        texts["topics that were left out"] = ", ".join(gone)
     if recording.provenance.stand_in:
-        found["stand-in"] = "software stands in for vehicles on a track"
+        texts["stand-in"] = "software stands in for vehicles on a track"
     if recording.provenance.participation is not None:
-        found["participants"] = recording.provenance.participation.text
+        texts["participants"] = recording.provenance.participation.text
     for name, (along_m, aside_m) in recording.tracking_m.items():
-        found[f"tracking error of {name}"] = (
+        texts[f"tracking error of {name}"] = (
             f"at most {along_m:.2f} m along and {aside_m:.2f} m beside its reference"
         )
     link = run.disturbance
     if link != type(link)():
-        found["communication"] = (
+        texts["communication"] = (
             f"states {1000 * link.state_delay_s:.0f} ms late, {100 * link.state_loss:.1f} % lost, "
             f"noise {link.position_noise_m:g} m and {link.speed_noise_mps:g} m/s"
         )
         if not math.isclose(link.actuator_lag_scale, 1.0):
-            found["actuators"] = f"lag times {link.actuator_lag_scale:g}"
+            texts["actuators"] = f"lag times {link.actuator_lag_scale:g}"
     if run.camera is not None:
         camera = run.camera
-        found["camera"] = (
+        texts["camera"] = (
             f"{camera.width_px} x {camera.height_px} px, {camera.hfov_deg:g} degrees, "
             f"{camera.rate_hz:g} Hz"
         )
-    found["look"] = f"palette {run.look.palette}"
-    found |= server_disclosures(recording.provenance)
+    texts["look"] = f"palette {run.look.palette}"
+    texts |= server_disclosures(recording.provenance)
     attached = recording.attached
     return {
-        **found,
+        **texts,
         **disclosed(attached),
         **order_remark([*attached.records, *attached.later]),
     }
@@ -112,38 +112,40 @@ def _left_out(recording: Recording) -> list[str]:
         return sorted(written_topics(bag) - set(bag.topics))
 
 
-def shared_renderers(found: Sequence[Mapping[str, str]], domains: Sequence[str]) -> list[str]:
+def shared_renderers(
+    disclosure_texts: Sequence[Mapping[str, str]], domains: Sequence[str]
+) -> list[str]:
     """Name for each recording the other domains drawn by the same renderer; empty: none."""
-    drawn = [one[RENDERER] for one in found]
+    renderers = [one[RENDERER] for one in disclosure_texts]
     return [
         ", ".join(
             other
-            for other, by in zip(domains, drawn, strict=True)
+            for other, by in zip(domains, renderers, strict=True)
             if other != domain and by == mine and mine != NO_RENDERER
         )
-        for domain, mine in zip(domains, drawn, strict=True)
+        for domain, mine in zip(domains, renderers, strict=True)
     ]
 
 
 def _of_import(facts: Provenance) -> dict[str, str]:
     imported = facts.imported
-    found = {"source": facts.origin, "camera": f"{facts.camera}, ego motion {facts.ego}"}
+    texts = {"source": facts.origin, "camera": f"{facts.camera}, ego motion {facts.ego}"}
     if imported is None:
-        return found
+        return texts
     source = imported.source
     if "width_px" in source:
-        found["picture"] = (
+        texts["picture"] = (
             f"{source['width_px']} x {source['height_px']} px at {source['fps']:g} Hz"
         )
     if imported.site is not None:
-        found["site"] = f"{imported.site.name}, {imported.site.block}"
+        texts["site"] = f"{imported.site.name}, {imported.site.block}"
     if imported.states is not None and imported.states.notes:
-        found["states"] = "; ".join(imported.states.notes)
+        texts["states"] = "; ".join(imported.states.notes)
     if imported.notes:
-        found["frames"] = "; ".join(imported.notes)
+        texts["frames"] = "; ".join(imported.notes)
     if imported.accepted:
-        found[ACCEPTED] = imported.accepted_text
-    return found
+        texts[ACCEPTED] = imported.accepted_text
+    return texts
 
 
 def _local_speed(one: Examination) -> dict[str, str]:
@@ -171,16 +173,16 @@ def order_remark(records: Iterable[Record]) -> dict[str, str]:
         Empty, or one text under ``times in the log``.
     """
     newest: Record | None = None
-    found = []
+    remarks = []
     for number, record in enumerate(records, start=1):
         if newest is not None and _time(record) < _time(newest) and record.who != LOGGED_AS:
-            found.append(
+            remarks.append(
                 f"entry {number} ({record.field or record.kind}, {record.who}) says "
                 f"{record.when}, and one above it {newest.when}"
             )
         if newest is None or _time(record) > _time(newest):
             newest = record
-    return {"times in the log": "; ".join(found)} if found else {}
+    return {"times in the log": "; ".join(remarks)} if remarks else {}
 
 
 def _time(record: Record) -> datetime:
@@ -213,8 +215,8 @@ def check_domains(recordings: Sequence[Head | Recording]) -> None:
 def find_event(recordings: Sequence[Head | Recording]) -> Event | None:
     """Return the K* in a recording: the simulation's, else another's; None: none has one."""
     by_domain = {r.provenance.domain: r.attached.event for r in recordings}
-    found = [by_domain.get(domain) for domain in ("simulation", "physical", "synthetic")]
-    return next((event for event in found if event is not None), None)
+    events = [by_domain.get(domain) for domain in ("simulation", "physical", "synthetic")]
+    return next((event for event in events if event is not None), None)
 
 
 def judge(
@@ -281,12 +283,14 @@ def _compare(
     recordings = [one.whole for one in examined]
     varying = frozenset() if event is None else varying_parts(event)
     counted = [_without(one.properties, varying) for one in examined]
-    known: Mapping[str, Property] = {} if event is None else expected_properties(event)
+    event_properties: Mapping[str, Property] = {} if event is None else expected_properties(event)
     unknown = Property(None, "neither Synthetic nor a K* says")
-    wanted = _without({field: known.get(field, unknown) for field in FIELDS}, varying)
-    synthetic = _as_wanted(counted[0], wanted)
+    requirements = _without(
+        {field: event_properties.get(field, unknown) for field in FIELDS}, varying
+    )
+    synthetic = _as_wanted(counted[0], requirements)
     # Where nobody verified Synthetic's value, what the K* wants is at least no other event.
-    reference = {k: wanted[k] if synthetic[k].words is None else synthetic[k] for k in FIELDS}
+    reference = {k: requirements[k] if synthetic[k].words is None else synthetic[k] for k in FIELDS}
     weights = {} if event is None else {str(k): w for k, w in event.constraints.weights.items()}
     reasons = []
     apart = hold_apart(examined)
@@ -294,15 +298,15 @@ def _compare(
         verified = {k: q for k, q in counted[index].items() if one.values[k].source != "unverified"}
         arrival_s = None if one.measured is None else one.measured.first_arrival_s
         # Synthetic is held against the K*; against itself it would always do.
-        held = reference if index else wanted
-        differing = property_findings(verified, held, one.phases, arrival_s)
+        standard = reference if index else requirements
+        differing = property_findings(verified, standard, one.phases, arrival_s)
         outside = []
         if event is not None and one.is_verified:
             outside = outside_ranges(event, one.properties[TOPOLOGY])
         if outside:
             differing.append(Finding("topology_differs", "; ".join(outside)))
         reasons.append(explain([*one.findings, *differing, *same.findings]))
-    refused = [bool(found) for found in reasons]
+    refused = [bool(of_one) for of_one in reasons]
     entries = []
     for index, one in enumerate(examined):
         status: Status = "admitted"
@@ -314,8 +318,8 @@ def _compare(
         entries.append(_entry(one, examined[0], compared, varying, weights, status, reasons[index]))
     shared = shared_renderers([e.disclosures for e in entries], [e.domain for e in entries])
     entries = [
-        _disclosing(entry, {"shares its renderer with": others, TRACKS: held.tracks})
-        for entry, others, held in zip(entries, shared, apart, strict=True)
+        _disclosing(entry, {"shares its renderer with": others, TRACKS: same.tracks})
+        for entry, others, same in zip(entries, shared, apart, strict=True)
     ]
     labelled = {r.provenance.domain: r.labels for r in recordings if r.labels is not None}
     thresholds = None if event is None else rules_of(event).thresholds
@@ -334,8 +338,8 @@ def _compare(
 
 def _disclosing(entry: RecordingEntry, more: Mapping[str, str]) -> RecordingEntry:
     """Return the entry with further disclosures; empty ones are left out."""
-    told = {name: text for name, text in more.items() if text}
-    return entry.model_copy(update={"disclosures": entry.disclosures | told})
+    texts = {name: text for name, text in more.items() if text}
+    return entry.model_copy(update={"disclosures": entry.disclosures | texts})
 
 
 def _drive(one: Examination) -> Drive:
@@ -369,21 +373,21 @@ def _without(properties: Mapping[str, Property], varying: frozenset[str]) -> dic
 
 
 def _as_wanted(
-    synthetic: Mapping[str, Property], wanted: Mapping[str, Property]
+    synthetic: Mapping[str, Property], requirements: Mapping[str, Property]
 ) -> dict[str, Property]:
     """Return q(Syn, k) with those of its words that mean the same there replaced by the K*'s.
 
     The only lane of a road is its rightmost and its leftmost; a lane of several isn't.
     """
-    found = {}
+    properties = {}
     for field, value in synthetic.items():
-        known = wanted[field].words or {}
+        event_words = requirements[field].words or {}
         words = value.words and {
-            part: tuple(w for w in ours if w in known.get(part, ())) or ours
+            part: tuple(w for w in ours if w in event_words.get(part, ())) or ours
             for part, ours in value.words.items()
         }
-        found[field] = Property(words, value.how)
-    return found
+        properties[field] = Property(words, value.how)
+    return properties
 
 
 def _entry(
@@ -453,15 +457,15 @@ def _name(recording: Recording) -> str:
 def _property(one: Examination, compared: QuantityPair, field: str) -> PropertyEntry:
     value = one.values[field]
     parts = differences(compared.found[field], compared.reference[field])
-    known = not compared.is_reference and parts is not None
+    is_comparable = not compared.is_reference and parts is not None
     words = value.property.words
     return PropertyEntry(
         source=value.source,
         said_by=value.said_by,
         words=None if words is None else {k: list(v) for k, v in words.items()},
         how=value.property.how,
-        equal=is_equal(compared.found[field], compared.reference[field]) if known else None,
-        differences=parts if known and parts else {},
+        equal=is_equal(compared.found[field], compared.reference[field]) if is_comparable else None,
+        differences=parts if is_comparable and parts else {},
     )
 
 

@@ -58,28 +58,28 @@ def leaving_of(
         None: it isn't there.
     """
     side = 1.0 if lanes.forward else -1.0
-    found = [
+    samples = [
         (t_s, now, spot)
         for t_s, now in series
         if object_id in now and (spot := lanes.spot(now[object_id])) is not None
     ]
-    if not found:
+    if not samples:
         return None
-    out = next((i for i, (_, _, spot) in enumerate(found) if spot.lane != own_lane), None)
+    out = next((i for i, (_, _, spot) in enumerate(samples) if spot.lane != own_lane), None)
     if out is None:
         return Leaving(object_id, None, None)
-    l_m = found[out][2].l_m
+    l_m = samples[out][2].l_m
     to: Literal["left", "right"] = (
         "left" if (l_m - lanes.lanes[own_lane].y_m) * side > 0.0 else "right"
     )
     outwards = side if to == "left" else -side
     begins = out
     while begins > 0:
-        _, now, spot = found[begins - 1]
+        _, now, spot = samples[begins - 1]
         if outwards * _left_of_line_mps(now[object_id], spot, lanes) <= OBSERVABLE_LATERAL_MPS:
             break
         begins -= 1
-    states = found[begins][1]
+    states = samples[begins][1]
     gap_m = ahead_m(lanes, *(states.get(who) for who in ids)) if out > 0 else None
     return Leaving(object_id, to, gap_m)
 
@@ -92,12 +92,12 @@ def _left_of_line_mps(state: ObjectState, spot: Spot, lanes: Lanes) -> float:
 def leaves_otherwise(event: Event, leaving: Leaving) -> Iterator[str]:
     """Yield where a lane change isn't that of K*, for people."""
     who, initiator = leaving.object_id, event.interaction.initiator
-    wanted = event.motion[who]["trigger"].lateral
+    lateral = event.motion[who]["trigger"].lateral
     if leaving.side is None:
-        yield f"{who} stays in the VUT's lane, K* has it leave to the {wanted}"
+        yield f"{who} stays in the VUT's lane, K* has it leave to the {lateral}"
         return
-    if wanted in ("left", "right") and leaving.side != wanted:
-        yield f"{who} leaves the VUT's lane to the {leaving.side}, K* has {wanted}"
+    if lateral in ("left", "right") and leaving.side != lateral:
+        yield f"{who} leaves the VUT's lane to the {leaving.side}, K* has {lateral}"
     below = event.constraints.trigger.below
     if not isinstance(below, Interval):
         return

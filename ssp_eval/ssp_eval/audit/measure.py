@@ -267,16 +267,16 @@ def _critical_pair(scene: Scene, vut: Sequence[ObjectState]) -> _Pair:
     Only where no OT has a conflict with the VUT the question is turned round: does the VUT do to an
     OT what the OT should have done to it?
     """
-    seen, turned = [], []
+    pairs, turned = [], []
     corridor = Corridor.of(vut)
     for target_id in scene.target_ids:
         samples = instants_of(scene.series, scene.vut_id, target_id)
         if not samples:
             continue
-        seen.append(_pair(scene, scene.vut_id, target_id, samples, corridor))
-    if not seen:
+        pairs.append(_pair(scene, scene.vut_id, target_id, samples, corridor))
+    if not pairs:
         raise ValueError(f"none of {', '.join(scene.target_ids)} is there with {scene.vut_id}")
-    best = min(seen, key=_urgency)
+    best = min(pairs, key=_urgency)
     if best.event is not None and best.event.conflict_s is not None:
         return best
     for target_id in scene.target_ids:
@@ -287,7 +287,7 @@ def _critical_pair(scene: Scene, vut: Sequence[ObjectState]) -> _Pair:
             # Of two paths that cross, neither is the one that the other crosses.
             if passing_of(samples, path, pair.event).relation in ("merge", "following"):
                 turned.append(pair)
-    return min([*seen, *turned], key=_urgency)
+    return min([*pairs, *turned], key=_urgency)
 
 
 def _urgency(pair: _Pair) -> tuple[float, float]:
@@ -322,11 +322,11 @@ def _topology(
     spots = [spot for state in vut if (spot := lanes.spot(state)) is not None]
     if not spots:
         return Property(None, "the VUT is nowhere on the road")
-    held = _most([spot.lane for spot in spots])
+    vut_lane = _most([spot.lane for spot in spots])
     other = _first_spot(scene, lanes, target_id)
     adjacency = "unknown"
     if other is not None:
-        adjacency = _adjacency(other.lane, held)
+        adjacency = _adjacency(other.lane, vut_lane)
     how = "lanes of the road under the VUT's path; its lane is the one that it is in longest"
     crossed = None if zone is None else np.array(zone)
     stations = [spot.s_m for spot in spots]
@@ -336,7 +336,7 @@ def _topology(
             "lanes_same_direction": (str(lanes.same_direction),),
             "lanes_opposite": (str(lanes.opposite),),
             "segment": (lanes.segment(min(stations), max(stations), crossed),),
-            "vut_lane": lanes.lane_words(held),
+            "vut_lane": lanes.lane_words(vut_lane),
             "adjacency": (adjacency,),
             **{name: (word,) for name, word in words.items()},
         },
@@ -415,17 +415,17 @@ def _dominant_motion(scene: Scene, corridor: Corridor, target_id: str, phases: P
     span = phases.critical_s
     if span is None:
         return Property(None, "there is no trigger that it could be measured from")
-    held: dict[str, float] = dict.fromkeys(MOTIONS, 0.0)
+    durations_s: dict[str, float] = dict.fromkeys(MOTIONS, 0.0)
     samples = instants_of(scene.series, scene.vut_id, target_id)
     for sample, following in pairwise(samples):
         if span[0] <= sample.t_s < span[1]:
             word = motion_word(corridor, sample.vut, sample.other)
-            held[word] += following.t_s - sample.t_s
-    word = max(MOTIONS, key=lambda motion: held[motion])
-    if held[word] <= 0.0:
+            durations_s[word] += following.t_s - sample.t_s
+    word = max(MOTIONS, key=lambda motion: durations_s[motion])
+    if durations_s[word] <= 0.0:
         return Property(None, "the trigger comes with the last state")
     shares = ", ".join(
-        f"{w} {t:.2f} s" for w, t in sorted(held.items(), key=lambda x: -x[1]) if t > 0.0
+        f"{w} {t:.2f} s" for w, t in sorted(durations_s.items(), key=lambda x: -x[1]) if t > 0.0
     )
     return Property({"motion": (word,)}, f"of {target_id} from {span[0]:.2f} s on: {shares}")
 

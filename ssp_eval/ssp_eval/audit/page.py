@@ -85,17 +85,17 @@ def pictures(one: Examination) -> list[Picture]:
     if phases.conflict_s is not None and phases.resolution_s is not None:
         middle_s = (phases.conflict_s + phases.resolution_s) / 2.0
     times = (phases.start_s, phases.trigger_s, phases.conflict_s, middle_s, phases.resolution_s)
-    shown = [None if t_s is None else frame_at(frames, t_s) for t_s in times]
-    found = _fetch(one, [index for index in shown if index is not None])
+    indices = [None if t_s is None else frame_at(frames, t_s) for t_s in times]
+    jpegs = _fetch(one, [index for index in indices if index is not None])
     result = []
-    for column, t_s, index in zip(COLUMNS, times, shown, strict=True):
-        if t_s is None or index is None or index not in found:
+    for column, t_s, index in zip(COLUMNS, times, indices, strict=True):
+        if t_s is None or index is None or index not in jpegs:
             result.append(Picture(column))
             continue
         phi = None
         if phases.end_s > phases.start_s:
             phi = (t_s - phases.start_s) / (phases.end_s - phases.start_s)
-        uri = jpeg_uri(found[index], one.recording.path, WIDTH_PX)
+        uri = jpeg_uri(jpegs[index], one.recording.path, WIDTH_PX)
         result.append(Picture(column, t_s, phi, frames[index], uri, _overlay(one, index)))
     return result
 
@@ -116,10 +116,10 @@ def _fetch(one: Examination, indices: Sequence[int]) -> dict[int, bytes]:
                     index_of.setdefault(stamp_ns, index)
         if not index_of:
             return {}
-        found: dict[int, bytes] = {}
+        jpegs: dict[int, bytes] = {}
         for frame in Frames(bag, _IMAGE).jpegs(stamps=index_of):
-            found.setdefault(index_of[frame.stamp_ns], frame.data)
-    return found
+            jpegs.setdefault(index_of[frame.stamp_ns], frame.data)
+    return jpegs
 
 
 def _overlay(one: Examination, index: int) -> str:
@@ -151,10 +151,10 @@ def _overlay(one: Examination, index: int) -> str:
 
 
 def _outline(view: View, state: ObjectState, name: str, kind: str) -> str:
-    seen = project(view, object_corners(state))
-    if not seen.in_front.all():
+    projection = project(view, object_corners(state))
+    if not projection.in_front.all():
         return ""
-    corners = np.column_stack([seen.u_px, seen.v_px]).astype(np.float32)
+    corners = np.column_stack([projection.u_px, projection.v_px]).astype(np.float32)
     hull = cv2.convexHull(corners).reshape(-1, 2)
     size = view.intrinsics.width_px / 20.0
     left, top = float(hull[:, 0].min()), float(hull[:, 1].min())
@@ -166,11 +166,14 @@ def _outline(view: View, state: ObjectState, name: str, kind: str) -> str:
 def _zone(view: View, outline: Sequence[tuple[float, float]]) -> str:
     """Return the part of the zone that lies before the camera; edges are cut into short pieces."""
     ground = _dense(np.array(outline))
-    seen = project(view, np.column_stack([ground, np.zeros(len(ground))]))
-    ahead = seen.in_front & (seen.depth_m > _NEAR_M)
+    projection = project(view, np.column_stack([ground, np.zeros(len(ground))]))
+    ahead = projection.in_front & (projection.depth_m > _NEAR_M)
     if ahead.sum() < 3:
         return ""
-    points = [(float(u), float(v)) for u, v in zip(seen.u_px[ahead], seen.v_px[ahead], strict=True)]
+    points = [
+        (float(u), float(v))
+        for u, v in zip(projection.u_px[ahead], projection.v_px[ahead], strict=True)
+    ]
     return pages.element("polygon", points=pages.points(points), class_="zone")
 
 
@@ -202,8 +205,8 @@ def moving_road(one: Examination) -> Picture | None:
     at_s = middle_s if trigger_s is None else trigger_s
     pair = min(followed, key=lambda pair: abs(pair.t_s - at_s))
     index = frame_at(frames, pair.t_s - pair.apart_s / 2.0)
-    found = _fetch(one, [index])
-    if index not in found:
+    jpegs = _fetch(one, [index])
+    if index not in jpegs:
         return None
     view = optics.view(Pose2(0.0, 0.0, 0.0))
     arrows = _arrows(view, pair.speed_mps, "recorded") + _arrows(view, pair.seen_mps, "seen")
@@ -216,7 +219,7 @@ def moving_road(one: Examination) -> Picture | None:
         preserveAspectRatio="none",
         aria_hidden="true",
     )
-    uri = jpeg_uri(found[index], one.recording.path, WIDTH_PX)
+    uri = jpeg_uri(jpegs[index], one.recording.path, WIDTH_PX)
     column = f"recorded {pair.speed_mps:.1f} m/s, seen {pair.seen_mps:.1f} m/s"
     return Picture(column, pair.t_s, None, frames[index], uri, overlay)
 
@@ -330,14 +333,14 @@ def draw(
     """
     strips: dict[str, Sequence[Picture]] = {}
     roads: dict[str, Picture | None] = {}
-    for done, one in enumerate(examined, start=1):
+    for count, one in enumerate(examined, start=1):
         strips[one.recording.provenance.domain] = pictures(one)
         roads[one.recording.provenance.domain] = moving_road(one)
-        on_picture(done, len(examined))
+        on_picture(count, len(examined))
     return PagePictures(strips, roads)
 
 
-def render(audit: Audit, drawn: PagePictures) -> str:
+def render(audit: Audit, page_pictures: PagePictures) -> str:
     """Return the page as HTML: its words are the audit's, its pictures those of the recordings."""
     environment = templates(_HERE)
     environment.filters["plain"] = _plain
@@ -346,8 +349,8 @@ def render(audit: Audit, drawn: PagePictures) -> str:
         audit=audit,
         recordings=audit.recordings,
         columns=COLUMNS,
-        strips=drawn.strips,
-        roads=drawn.roads,
+        strips=page_pictures.strips,
+        roads=page_pictures.roads,
         fields=field_rows(audit),
         varying=_side_by_side([{k: v[0] for k, v in r.varying.items()} for r in audit.recordings]),
         facts=fact_rows(audit),

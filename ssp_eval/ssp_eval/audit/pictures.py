@@ -59,29 +59,29 @@ def examine_pictures(one: Subject) -> PictureExamination:
     if not grey:
         return _nothing("no frame has a state of the VUT at its time")
     lanes = None if recording.road is None else recording.road.road
-    found = compare_pictures(Footage(one.moments, grey, optics, who.vut), plan, lanes)
+    figures = compare_pictures(Footage(one.moments, grey, optics, who.vut), plan, lanes)
     return PictureExamination(
-        PicturesEntry(checks=list(found.checks)), _findings(found), found.road
+        PicturesEntry(checks=list(figures.checks)), _findings(figures), figures.road
     )
 
 
 def _repeated(one: Subject, vut_id: str) -> frozenset[int]:
     """Find the frames that repeat the one before, where a sample has many of them."""
 
-    def read(wanted: Collection[int]) -> dict[int, Float32]:
-        return read_small(one.recording.path, one.moments, one.recording.provenance, wanted)
+    def read(indices: Collection[int]) -> dict[int, Float32]:
+        return read_small(one.recording.path, one.moments, one.recording.provenance, indices)
 
     if not has_many_repeats(read(sampled_frames(one.moments, vut_id)), one.moments, vut_id):
         return frozenset()
     return repeated_frames(read(range(len(one.moments))), one.moments, vut_id)
 
 
-def _findings(found: PictureFigures) -> tuple[Finding, ...]:
-    failing = [check for check in found.checks if check.state == "fails"]
+def _findings(figures: PictureFigures) -> tuple[Finding, ...]:
+    failing = [check for check in figures.checks if check.state == "fails"]
     if not failing:
         return ()
-    told = "; ".join(
+    detail = "; ".join(
         f"{check.name}: {check.told} (limit {check.limit}, {check.judged} pairs of frames)"
         for check in failing
     )
-    return (Finding("pictures_differ", f"{told}; {REMEDY}"),)
+    return (Finding("pictures_differ", f"{detail}; {REMEDY}"),)

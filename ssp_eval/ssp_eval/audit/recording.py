@@ -94,17 +94,17 @@ def read_attached(bag: BagReader) -> BagAttachments:
             findings.append(Finding("not_compiled", f"the bag has no attachment {TASK_FILE}"))
         event = attached(bag, EVENT_FILE, Event)
         site = attached(bag, SITE_FILE, Site)
-        if (found := bag.attachment(LOG_FILE)) is not None:
-            text = found.decode("utf-8", errors="replace")
+        if (log_bytes := bag.attachment(LOG_FILE)) is not None:
+            text = log_bytes.decode("utf-8", errors="replace")
             records = tuple(parse_log(text, f"{bag.path}:{LOG_FILE}"))
             later = _later(bag_folder(bag.path).parent / TASK_FOLDER / LOG_FILE, records)
     except InputError as error:
-        findings.append(Finding("seal_broken", _told(error, bag)))
+        findings.append(Finding("seal_broken", _error_text(error, bag)))
     findings += _seals(task, event, site)
     return BagAttachments(task, event, site, records, later, tuple(findings))
 
 
-def _told(error: InputError, bag: BagReader) -> str:
+def _error_text(error: InputError, bag: BagReader) -> str:
     """Describe an error in the same words wherever the recording lies.
 
     An audit can so be repeated.
@@ -120,29 +120,29 @@ def _later(beside: Path, recorded: tuple[Record, ...]) -> tuple[Record, ...]:
     Raises:
         InputError: it doesn't begin with what was recorded: somebody rewrote it.
     """
-    found = tuple(read_log(beside))
-    if found and found[: len(recorded)] != recorded:
+    entries = tuple(read_log(beside))
+    if entries and entries[: len(recorded)] != recorded:
         raise InputError(
             "does not begin with the log in the bag",
             file=beside,
             remedy="a log is appended to and never rewritten",
         )
-    return found[len(recorded) :]
+    return entries[len(recorded) :]
 
 
 def _seals(task: Task | None, event: Event | None, site: Site | None) -> list[Finding]:
     if task is None:
         return []
-    found = []
+    findings = []
     content = content_hash(task)
     if content != task.version:
-        found.append(
+        findings.append(
             Finding("seal_broken", f"{TASK_FILE} says {task.version}, its content is {content}")
         )
     if event is None:
-        found.append(Finding("not_compiled", f"the bag has no attachment {EVENT_FILE}"))
+        findings.append(Finding("not_compiled", f"the bag has no attachment {EVENT_FILE}"))
     elif event_version(event) != task.event.version:
-        found.append(
+        findings.append(
             Finding(
                 "seal_broken",
                 f"{EVENT_FILE} has {event_version(event)}, the task was made from "
@@ -151,16 +151,16 @@ def _seals(task: Task | None, event: Event | None, site: Site | None) -> list[Fi
         )
     if task.place.kind == "site":
         if site is None:
-            found.append(Finding("not_compiled", f"the bag has no attachment {SITE_FILE}"))
+            findings.append(Finding("not_compiled", f"the bag has no attachment {SITE_FILE}"))
         elif site_version(site) != task.place.sha256:
-            found.append(
+            findings.append(
                 Finding(
                     "seal_broken",
                     f"{SITE_FILE} has {site_version(site)}, the task was placed on "
                     f"{task.place.sha256}",
                 )
             )
-    return found
+    return findings
 
 
 def site_changes(
@@ -202,25 +202,27 @@ def site_changes(
         ChangeEntry(field=d.field, old=d.compiled, new=d.executed, logged=False) for d in unlogged
     ]
     if unlogged:
-        shown = ", ".join(f"{d.field}: {d.compiled!r} to {d.executed!r}" for d in unlogged[:4])
+        changes_text = ", ".join(
+            f"{d.field}: {d.compiled!r} to {d.executed!r}" for d in unlogged[:4]
+        )
         more = f" and {len(unlogged) - 4} more" if len(unlogged) > 4 else ""
-        findings.append(Finding("unlogged_change", shown + more))
+        findings.append(Finding("unlogged_change", changes_text + more))
     return entries, findings
 
 
 def disclosed(attached: BagAttachments) -> dict[str, str]:
     """Return what the log discloses, by field or subject; and changes that were entered late."""
-    found = {
+    disclosures = {
         record.field or record.subject: record.reason
         for record in attached.records
         if record.kind == "disclosure"
     }
     for record in attached.later:
         if record.kind == "site_change":
-            found[record.field or record.subject] = (
+            disclosures[record.field or record.subject] = (
                 f"changed on site, entered after the run by {record.who}: {record.reason}"
             )
-    return found
+    return disclosures
 
 
 # So much beside its clip is kept of a recording that was examined (see audit.doubles).
@@ -285,8 +287,8 @@ class Recording:
         imported = self.provenance.imported
         about: ImportedSite | SiteBlock | None = None if imported is None else imported.site
         if self.attached.site is not None and self.attached.task is not None:
-            chosen = self.attached.task.block.id
-            about = next((b for b in self.attached.site.blocks if b.id == chosen), None)
+            block_id = self.attached.task.block.id
+            about = next((b for b in self.attached.site.blocks if b.id == block_id), None)
         if about is None:
             return RoadFacts(road)
         words = {name: str(getattr(about, name)) for name in ROAD_WORDS}
@@ -295,11 +297,11 @@ class Recording:
     def within(self, crop: Crop) -> Recording:
         """Return the recording as if it had been cut to its clip."""
         frames = zip(self.frames_s, self.digests, strict=True)
-        kept = [(t_s, digest) for t_s, digest in frames if crop.holds(t_s)]
+        clip_frames = [(t_s, digest) for t_s, digest in frames if crop.holds(t_s)]
         return replace(
             self,
-            frames_s=tuple(t_s for t_s, _ in kept),
-            digests=tuple(digest for _, digest in kept),
+            frames_s=tuple(t_s for t_s, _ in clip_frames),
+            digests=tuple(digest for _, digest in clip_frames),
             series=copied(self.series, crop.start_s - TOLERANCE_S, crop.end_s + TOLERANCE_S),
             sightings=self._seen(crop.holds),
         )
@@ -319,22 +321,22 @@ class Recording:
 
     def _seen(self, holds: Callable[[float], bool]) -> Sequence[Sighting]:
         """Return the sightings at times that hold; the recording's own sequence where all do."""
-        found = Packed(Sighting, (one for one in self.sightings if holds(one.t_s)))
-        return self.sightings if len(found) == len(self.sightings) else found
+        sightings = Packed(Sighting, (one for one in self.sightings if holds(one.t_s)))
+        return self.sightings if len(sightings) == len(self.sightings) else sightings
 
     def moments(self) -> Moments:
         """Return the states at each frame, extrapolated from the newest ones."""
         times = times_of(self.series)
-        found = StateSeries()
+        series = StateSeries()
         for t_s in self.frames_s:
             i = bisect_right(times, t_s + 1e-9) - 1
             if i < 0 or t_s - times[i] > STATE_AGE_S:
-                found.append(t_s, ())
+                series.append(t_s, ())
                 continue
             ahead_ns = seconds_to_ns(t_s - times[i])
             states = self.series[i][1].values()
-            found.append(t_s, (one.extrapolated(one.stamp_ns + ahead_ns) for one in states))
-        return Moments(found)
+            series.append(t_s, (one.extrapolated(one.stamp_ns + ahead_ns) for one in states))
+        return Moments(series)
 
 
 @dataclass(frozen=True)
@@ -410,7 +412,7 @@ def _recording(head: Head) -> Recording:
     labels_file = find_labels(bag_path)
     footage = Footage(provenance.bag_sha256, tuple(frames))
     observed = load_observations(bag_path, footage)
-    told = [observation for _, observation in observed]
+    observations = [observation for _, observation in observed]
     return Recording(
         path=bag_path,
         files=head.files,
@@ -428,7 +430,7 @@ def _recording(head: Head) -> Recording:
         optics=optics,
         attached=head.attached,
         labels=None if labels_file is None else load_labels(labels_file),
-        agreement=agree(told, footage.period_s) if told else None,
+        agreement=agree(observations, footage.period_s) if observations else None,
         observation_files=tuple(file for file, _ in observed),
     )
 
@@ -442,25 +444,25 @@ def _digest(message: bytes) -> bytes:
 
 
 def _phase_events(bag: BagReader, start_ns: int | None) -> dict[str, float]:
-    found: dict[str, float] = {}
+    times_s: dict[str, float] = {}
     if start_ns is None:
-        return found
+        return times_s
     for message in bag.messages([absolute(PHASE_EVENT)]):
         event = bag.decode(message)
         word = Phase(event.phase).name.lower()
-        found.setdefault(word, ns_to_seconds(stamp_ns(event.header.stamp) - start_ns))
-    return found
+        times_s.setdefault(word, ns_to_seconds(stamp_ns(event.header.stamp) - start_ns))
+    return times_s
 
 
 def _safety_events(bag: BagReader, start_ns: int | None) -> list[SafetyRecord]:
-    found = []
+    records = []
     for message in bag.messages([absolute(SAFETY_EVENT)]):
         event = bag.decode(message)
         t_s = ns_to_seconds(stamp_ns(event.header.stamp) - (start_ns or 0))
         who = f" of {event.object_id}" if event.object_id else ""
         meaning = MEANINGS.get(SafetyCode(event.code)) if event.code in set(SafetyCode) else None
         words = meaning.text if meaning is not None else "a limit was passed"
-        found.append(
+        records.append(
             SafetyRecord(
                 t_s,
                 int(event.code),
@@ -469,4 +471,4 @@ def _safety_events(bag: BagReader, start_ns: int | None) -> list[SafetyRecord]:
                 + f" ({words})",
             )
         )
-    return found
+    return records

@@ -32,11 +32,11 @@ def server_findings(facts: Provenance) -> Iterator[Finding]:
 def _of_server(
     record: CarlaScene | CarlaPlantRecord | None,
     did: str,
-    wanted: bool,
+    is_required: bool,
     facts: Provenance,
 ) -> Iterator[Finding]:
     if record is None:
-        if wanted:
+        if is_required:
             yield Finding(CODE, f"the bag holds no record of the server that {did} it")
         return
     if record.counterpart:
@@ -92,18 +92,18 @@ def _is_another(address: str, probe: ServerProbe) -> bool:
 
 def server_disclosures(facts: Provenance) -> dict[str, str]:
     """Describe the server, its camera and weather, its probe, and each participant's body."""
-    found = {}
+    texts = {}
     if (scene := facts.scene) is not None:
-        found["CARLA"] = f"{_server(scene)}, seed {scene.seed}"
-        found["weather of CARLA"] = _listed(scene.weather)
-        found["triggers with CARLA"] = scene.trigger_text
-        found["camera of CARLA"] = _listed(scene.camera)
-        found["scenery of CARLA"] = _scenery_text(facts)
+        texts["CARLA"] = f"{_server(scene)}, seed {scene.seed}"
+        texts["weather of CARLA"] = _listed(scene.weather)
+        texts["triggers with CARLA"] = scene.trigger_text
+        texts["camera of CARLA"] = _listed(scene.camera)
+        texts["scenery of CARLA"] = _scenery_text(facts)
     if (plant := facts.plant) is not None:
-        found["plant"] = f"vehicle physics of CARLA {_server(plant)}; no two such runs are equal"
+        texts["plant"] = f"vehicle physics of CARLA {_server(plant)}; no two such runs are equal"
     if scene is not None or plant is not None:
-        found["probe of CARLA"] = "none" if facts.probe is None else _probe_text(facts, facts.probe)
-    return found | facts.carla_texts
+        texts["probe of CARLA"] = "none" if facts.probe is None else _probe_text(facts, facts.probe)
+    return texts | facts.carla_texts
 
 
 def _scenery_text(facts: Provenance) -> str:

@@ -51,10 +51,10 @@ def examine_coverage(one: Subject) -> tuple[CoverageEntry, list[Finding]]:
         entry, findings = _reviewed(event, needed)
         return entry, [*findings, *_seen_otherwise(entry, agreement)]
     if agreement is not None:
-        seen = agreement.answers.visibility
-        shares = {who: one.share for who, one in seen.participants.items()}
-        shares[_ZONE] = seen.conflict_region.share
-        return _judged(event, shares, needed, f"seen by {agreement.by}", "observed")
+        visibility = agreement.answers.visibility
+        shares = {who: one.share for who, one in visibility.participants.items()}
+        shares[_ZONE] = visibility.conflict_region.share
+        return _coverage_by_person(event, shares, needed, f"seen by {agreement.by}", "observed")
     why = "there are no states"
     if measured is not None:
         guessed = recording.optics is not None
@@ -94,7 +94,7 @@ def label_sizes(one: Subject) -> tuple[list[LabelSize], str]:
         return sizes, "not known: no critical object was found"
     moments = recording.moments()
     times = [moment.t_s for moment in moments]
-    found = []
+    sizes_in_frames = []
     for size in sizes:
         index = bisect_right(times, size.t_s + _SAME_S) - 1
         states = moments[index].states if index >= 0 else {}
@@ -103,8 +103,8 @@ def label_sizes(one: Subject) -> tuple[list[LabelSize], str]:
             others = [s for key, s in states.items() if key not in (who.vut, critical)]
             height_px = object_height_px(view, states[critical], others)
             size = size.model_copy(update={"height_px": height_px})
-        found.append(size)
-    return found, f"box of {critical}, projected into the recorded picture"
+        sizes_in_frames.append(size)
+    return sizes_in_frames, f"box of {critical}, projected into the recorded picture"
 
 
 def _projected(
@@ -126,29 +126,29 @@ def _projected(
     in_zone = measured.initiator if measured.initiator != who.vut else measured.affected
     findings, sights = [], {}
     for target in [name for name in who.targets if name in event.participants]:
-        found = object_sight(moments, span, period_s, optics, who.vut, target)
+        sight = object_sight(moments, span, period_s, optics, who.vut, target)
         least = _needed(event, target, needed)
         sights[target] = SightEntry(
-            fraction=found.fraction, needed=least, how="projected box, trigger to resolution"
+            fraction=sight.fraction, needed=least, how="projected box, trigger to resolution"
         )
-        if found.fraction is not None and found.fraction < least - 1e-9:
-            text = _lost(target, found.fraction, least, found.first_lost_s, measured.phases)
-            findings.append(Finding("participant_off_camera", text, found.first_lost_s))
+        if sight.fraction is not None and sight.fraction < least - 1e-9:
+            text = _lost(target, sight.fraction, least, sight.first_lost_s, measured.phases)
+            findings.append(Finding("participant_off_camera", text, sight.first_lost_s))
     zone = None
     if measured.zone is not None and in_zone is not None:
         reached_s = measured.zone_until_s
         until_s = span[1] if reached_s is None else min(span[1], max(reached_s, span[0]))
-        found = zone_sight(
+        sight = zone_sight(
             moments, (span[0], until_s), period_s, optics, who.vut, in_zone, measured.zone
         )
         zone = SightEntry(
-            fraction=found.fraction,
+            fraction=sight.fraction,
             needed=needed,
             how="projected ground, from the trigger until the VUT reaches it or it is resolved",
         )
-        if found.fraction is not None and found.fraction < needed - 1e-9:
-            text = _lost("the zone", found.fraction, needed, found.first_lost_s, measured.phases)
-            findings.append(Finding("zone_off_camera", text, found.first_lost_s))
+        if sight.fraction is not None and sight.fraction < needed - 1e-9:
+            text = _lost("the zone", sight.fraction, needed, sight.first_lost_s, measured.phases)
+            findings.append(Finding("zone_off_camera", text, sight.first_lost_s))
     frames = sum(span[0] <= t_s <= span[1] for t_s in recording.frames_s)
     entry = CoverageEntry(source="projection", participants=sights, zone=zone, frames=frames)
     return entry, findings
@@ -162,15 +162,15 @@ def _seen_otherwise(entry: CoverageEntry, agreement: Agreement | None) -> list[F
     """
     if agreement is None:
         return []
-    seen = agreement.answers.visibility
+    visibility = agreement.answers.visibility
     lost = [
         (who, share, entry.participants[who])
-        for who, one in seen.participants.items()
+        for who, one in visibility.participants.items()
         if who in entry.participants
         and (share := one.share) is not None
         and share < entry.participants[who].needed - 1e-9
     ]
-    if seen.conflict_region.share == 0.0 and entry.zone is not None:
+    if visibility.conflict_region.share == 0.0 and entry.zone is not None:
         lost.append(("the conflict region", 0.0, entry.zone))
     return [
         Finding(
@@ -186,26 +186,28 @@ def _seen_otherwise(entry: CoverageEntry, agreement: Agreement | None) -> list[F
 def _reviewed(event: Event, needed: float) -> tuple[CoverageEntry, list[Finding]]:
     """Judge the source clip: an OT is visible where a reviewer confirmed the direction to it."""
     review = review_of(event)
-    seen: dict[str, float | None] = {}
+    shares: dict[str, float | None] = {}
     for who, participant in event.participants.items():
         if participant.role == "OT":
             cells = [event.motion.get(who, {}).get(phase) for phase in ("trigger", "conflict")]
-            known = [cell for cell in cells if cell is not None and cell.position != UNRESOLVED]
+            resolved_cells = [
+                cell for cell in cells if cell is not None and cell.position != UNRESOLVED
+            ]
             reviewed = not review.gaps[seen_field(who)]
-            seen[who] = len(known) / len(cells) if reviewed else None
+            shares[who] = len(resolved_cells) / len(cells) if reviewed else None
     zone = None if review.gaps[PHASES_FIELD] else 1.0
-    return _judged(
+    return _coverage_by_person(
         event,
-        {**seen, _ZONE: zone},
+        {**shares, _ZONE: zone},
         needed,
         "reviewed in the K*: positions and evidence",
         "reviewed",
     )
 
 
-def _judged(
+def _coverage_by_person(
     event: Event,
-    seen: Mapping[str, float | None],
+    shares: Mapping[str, float | None],
     needed: float,
     how: str,
     source: Literal["observed", "reviewed"],
@@ -213,10 +215,10 @@ def _judged(
     """Return the shares that a person gives, by participant; the conflict region's under _ZONE."""
     sights = {
         who: SightEntry(fraction=share, needed=_needed(event, who, needed), how=how)
-        for who, share in seen.items()
+        for who, share in shares.items()
     }
     findings = []
-    for who, fraction in seen.items():
+    for who, fraction in shares.items():
         if who in further_ids(event):
             continue
         name = "the conflict region" if who == _ZONE else who

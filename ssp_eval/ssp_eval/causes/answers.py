@@ -107,10 +107,10 @@ class Answer:
 
         The share of True among all label times is ATC_eff (METHOD 6.8).
         """
-        said = self.slots[-2:]
-        if None in said or self.trajectory is None:
+        text_actions = self.slots[-2:]
+        if None in text_actions or self.trajectory is None:
             return None
-        return said == self.driven
+        return text_actions == self.driven
 
 
 @dataclass(frozen=True)
@@ -155,8 +155,8 @@ def wanted_cells(folders: Iterable[str]) -> frozenset[str]:
 def asked(cell: CellData) -> CellAnswers | None:
     """Collect the answers of a cell; None: it has no answers, or isn't compared."""
     facts, condition = cell.facts, cell.facts.condition
-    known = condition in ("", REPEAT) or cause_of(condition) is not None
-    if cell.score is None or not known:
+    is_comparable = condition in ("", REPEAT) or cause_of(condition) is not None
+    if cell.score is None or not is_comparable:
         return None
     out = cell.folder.parent.parent
     answers = {
@@ -177,8 +177,8 @@ def asked(cell: CellData) -> CellAnswers | None:
 def _answer(judgement: Judgement, records: Sequence[BehaviourRecord]) -> Answer | None:
     if judgement.record is None:
         return None
-    record, said = records[judgement.record], judgement.slots
-    semantic = [said[name].answer for name in SLOT_NAMES[:4]]
+    record, slot_scores = records[judgement.record], judgement.slots
+    semantic = [slot_scores[name].answer for name in SLOT_NAMES[:4]]
     slots = [frozenset(v) if isinstance(v, tuple) else v for v in semantic]
     return Answer(
         slots=(*slots, judgement.text_lon, judgement.text_lat),

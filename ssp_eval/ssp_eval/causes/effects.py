@@ -175,10 +175,10 @@ def effects_of(cells: Iterable[CellAnswers]) -> list[Effect]:
 
 
 def _of_model(model: str, cells: Sequence[CellAnswers]) -> list[Effect]:
-    found: list[Effect] = []
+    effects: list[Effect] = []
     causes = {cause for cell in cells if (cause := cause_of(cell.condition)) is not None}
-    wanted = sorted((c for c in causes if not c.is_control), key=lambda c: c.order)
-    compared = [(cause, *compared_answers(cause, cells)) for cause in wanted]
+    non_controls = sorted((c for c in causes if not c.is_control), key=lambda c: c.order)
+    compared = [(cause, *compared_answers(cause, cells)) for cause in non_controls]
     controlled = sum(bool(control) for _, control, _ in compared)
     for cause, control, units in compared:
         # A text that was given back is no answer.
@@ -189,8 +189,8 @@ def _of_model(model: str, cells: Sequence[CellAnswers]) -> list[Effect]:
         chances = controlled * (1 if all(quiet.values()) else len(outputs))
         for output in outputs:
             effect = _effect(model, cause, output, control, units)
-            found.append(replace(effect, quiet=quiet[output], chances=chances))
-    return _corrected(found)
+            effects.append(replace(effect, quiet=quiet[output], chances=chances))
+    return _corrected(effects)
 
 
 def compared_answers(
@@ -212,9 +212,11 @@ def compared_answers(
     controls = {
         cell.place: cell
         for cell in listed
-        if (found := cause_of(cell.condition)) and found.is_control and found.family == cause.family
+        if (own_cause := cause_of(cell.condition))
+        and own_cause.is_control
+        and own_cause.family == cause.family
     }
-    kept: dict[tuple[bool, bool], dict[str, list[AnswerComparison]]] = {}
+    groups: dict[tuple[bool, bool], dict[str, list[AnswerComparison]]] = {}
     name = ""
     for cell in listed:
         if cause_of(cell.condition) != cause or cell.place not in factual:
@@ -222,7 +224,7 @@ def compared_answers(
         before = factual[cell.place]
         noise = [controls.get(cell.place), repeats.get(cell.place)]
         name = name if noise[0] is None else noise[0].condition
-        group = kept.setdefault((noise[0] is not None, noise[1] is not None), {})
+        group = groups.setdefault((noise[0] is not None, noise[1] is not None), {})
         for t_s, own in before.answers.items():
             other = cell.answers.get(t_s)
             beside = [None if one is None else one.answers.get(t_s) for one in noise]
@@ -230,8 +232,8 @@ def compared_answers(
             if own is None or other is None or lacks:
                 continue
             group.setdefault(before.recording, []).append(AnswerComparison(own, other, *beside))
-    has = max((key for key, units in kept.items() if units), default=(False, False))
-    return (name if has[0] else ""), [*kept.get(has, {}).values()]
+    has = max((key for key, units in groups.items() if units), default=(False, False))
+    return (name if has[0] else ""), [*groups.get(has, {}).values()]
 
 
 def _is_quiet(label: AnswerComparison, output: str) -> bool:
@@ -257,15 +259,17 @@ def _effect(
     if output == TRAJECTORY:
         return _of_trajectories(model, cause, control, units)
     place = SLOT_NAMES.index(output)
-    said = [
+    slot_values = [
         [one.slots[place] for one in (label.factual, label.cause, *label.noise)]
         for unit in units
         for label in unit
     ]
-    n, labels = len(units), len(said)
-    given = fmean(any(v is not None for v in of) for of in said) if said else 0.0
+    n, labels = len(units), len(slot_values)
+    answer_share = (
+        fmean(any(v is not None for v in of) for of in slot_values) if slot_values else 0.0
+    )
     if not n:
-        return Effect(model, cause, output, control, 0, 0, given, None, None, None)
+        return Effect(model, cause, output, control, 0, 0, answer_share, None, None, None)
 
     def differing(others: Callable[[AnswerComparison], Answer | None]) -> list[np.ndarray]:
         """Tell by recording (L,) whether the slot differs from the factual answer's."""
@@ -294,7 +298,7 @@ def _effect(
             control,
             n,
             labels,
-            given,
+            answer_share,
             changed,
             None,
             changed,
@@ -315,7 +319,7 @@ def _effect(
         control,
         n,
         labels,
-        given,
+        answer_share,
         changed,
         by_control,
         mean.difference,
@@ -331,22 +335,22 @@ def _of_trajectories(
 ) -> Effect:
     recordings: list[list[tuple[float, float, float, float]]] = []
     for unit in units:
-        found = [one for label in unit if (one := _displacements(label)) is not None]
-        if found:
-            recordings.append(found)
+        displacements = [one for label in unit if (one := _displacements(label)) is not None]
+        if displacements:
+            recordings.append(displacements)
     labels, total = sum(map(len, recordings)), sum(map(len, units))
-    n, given = len(recordings), labels / total if total else 0.0
+    n, answer_share = len(recordings), labels / total if total else 0.0
     if not n:
-        return Effect(model, cause, TRAJECTORY, control, 0, 0, given, None, None, None)
-    means = [[fmean(f[k] for f in found) for found in recordings] for k in range(3)]
+        return Effect(model, cause, TRAJECTORY, control, 0, 0, answer_share, None, None, None)
+    means = [[fmean(f[k] for f in of_unit) for of_unit in recordings] for k in range(3)]
     by_control, by_repeat = fmean(means[1]), fmean(means[2])
     # Without a control nothing is tested, and the effect stands by itself.
     at = 1 if not control or by_repeat <= by_control else 2
     differences = [_whole(b - c) for b, c in zip(means[0], means[at], strict=True)]
     per_metre = [
         fmean(relative)
-        for found in recordings
-        if (relative := [(f[0] - f[at]) / f[3] for f in found if f[3] >= LEAST_LENGTH_M])
+        for of_unit in recordings
+        if (relative := [(f[0] - f[at]) / f[3] for f in of_unit if f[3] >= LEAST_LENGTH_M])
     ]
     size, interval = hodges_lehmann(differences)
     share, share_interval = hodges_lehmann(per_metre)
@@ -357,7 +361,7 @@ def _of_trajectories(
         control,
         n,
         labels,
-        given,
+        answer_share,
         _whole(fmean(means[0])),
         by_control if control else None,
         size,
@@ -366,7 +370,7 @@ def _of_trajectories(
         share_interval,
         signed_rank(differences) if control else None,
         changed_by_repeat=by_repeat if units[0][0].repeat is not None else None,
-        alone=sum(f[0] > MARGIN_M for found in recordings for f in found),
+        alone=sum(f[0] > MARGIN_M for of_unit in recordings for f in of_unit),
     )
 
 

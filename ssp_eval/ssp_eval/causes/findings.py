@@ -93,8 +93,8 @@ def moved_by(cells: Iterable[CellData]) -> MovedAnswers | None:
 def answers_in(cells: Iterable[CellData]) -> list[CellAnswers]:
     """Collect the answers of the cells that are compared."""
     listed = [*cells]
-    wanted = wanted_cells(cell.id for cell in listed)
-    return [kept for cell in listed if cell.id in wanted and (kept := asked(cell))]
+    cell_ids = wanted_cells(cell.id for cell in listed)
+    return [answers for cell in listed if cell.id in cell_ids and (answers := asked(cell))]
 
 
 def compared(answers: Iterable[CellAnswers]) -> MovedAnswers | None:
@@ -129,12 +129,12 @@ def finding(model: str, effects: Sequence[Effect]) -> Finding:
         if e.cause.family == PICTURES or (e.cause.family, e.cause.kind) == (TWIN, Kind.CAMERA)
     ]
     by_text = [e for e in effects if e.cause.family == REASONING and e.output == TRAJECTORY]
-    told = [
+    groups = [
         ("the object", of_object),
         ("its own history", of_history),
         ("the pictures", of_pictures),
     ]
-    sentences = [text for name, group in told if (text := _sentence(name, group))]
+    sentences = [text for name, group in groups if (text := _sentence(name, group))]
     noise = _noise(effects)
     word, why = _word(of_object, of_history, of_pictures, by_text, noise)
     if any(_is(e, Verdict.SEEN) for e in effects):
@@ -162,8 +162,8 @@ def _moved(effects: Iterable[Effect]) -> list[Effect]:
 
 def _unmoved(effects: Iterable[Effect]) -> bool:
     """Tell whether something is given and no part of it moved by as much as could be shown."""
-    given = [e for e in effects if e.verdict in _SAID]
-    return bool(given) and all(e.verdict is Verdict.NONE for e in given)
+    answered_effects = [e for e in effects if e.verdict in _SAID]
+    return bool(answered_effects) and all(e.verdict is Verdict.NONE for e in answered_effects)
 
 
 def _is_minor(by_text: Sequence[Effect], of_object: Sequence[Effect]) -> bool:
@@ -259,15 +259,15 @@ def _by_the_object(
 
 def _sentence(name: str, group: Sequence[Effect]) -> str:
     """Say what a group of causes moved; empty where none of it was asked."""
-    given = [e for e in group if e.verdict in _SAID]
-    if not given:
+    answered_effects = [e for e in group if e.verdict in _SAID]
+    if not answered_effects:
         return ""
-    moved = _moved(given)
+    moved = _moved(answered_effects)
     if not moved:
-        if _unmoved(given):
+        if _unmoved(answered_effects):
             return f"Not moved by {name}."
         for verdict, lacks in _LACKS.items():
-            bare = dict.fromkeys(e.cause.words for e in given if _is(e, verdict))
+            bare = dict.fromkeys(e.cause.words for e in answered_effects if _is(e, verdict))
             if bare:
                 return f"Differs with a change of {name} ({some([*bare])}), {lacks}."
         return f"An effect of {name} is not shown."
@@ -275,12 +275,12 @@ def _sentence(name: str, group: Sequence[Effect]) -> str:
     for is_trajectory in (True, False):
         clearest = largest(_of(moved, is_trajectory))
         if clearest is not None:
-            parts.append(_said(clearest))
+            parts.append(_clause(clearest))
     causes = dict.fromkeys(e.cause.words for e in moved)
     return f"Moved by {name} ({some([*causes])}): {'; '.join(parts)}."
 
 
-def _said(effect: Effect) -> str:
+def _clause(effect: Effect) -> str:
     low, high = effect.interval.low, effect.interval.high
     size = effect.size or 0.0
     show: Callable[[float], str] = (

@@ -96,14 +96,16 @@ def _forest(model: str, effects: Sequence[Effect]) -> Forest:
     for _, group in groupby(effects, lambda e: e.cause):
         those = [*group]
         path = next((e for e in those if e.output == TRAJECTORY and e.size is not None), None)
-        said = [e for e in those if e.output != TRAJECTORY and e.given and e.size is not None]
-        text = largest(said)
+        slot_effects = [
+            e for e in those if e.output != TRAJECTORY and e.given and e.size is not None
+        ]
+        text = largest(slot_effects)
         rows.append(
             Row(
                 those[0].cause.words,
                 None if path is None else _mark(path, of_path),
                 None if text is None else _mark(text, of_text),
-                _said(those[0].cause, text),
+                _text_label(those[0].cause, text),
             )
         )
     ticks_m = tuple(
@@ -113,7 +115,7 @@ def _forest(model: str, effects: Sequence[Effect]) -> Forest:
     return Forest(model, tuple(rows), Panel(of_path(0.0), ticks_m), Panel(of_text(0.0), ticks))
 
 
-def _said(cause: Cause, text: Effect | None) -> str:
+def _text_label(cause: Cause, text: Effect | None) -> str:
     if text is not None:
         return text.output.replace("_", " ") if text.changed else ""
     return "given back" if cause.family == REASONING else "says nothing"

@@ -39,9 +39,11 @@ def moved_tables(moved: MovedAnswers) -> list[Table]:
     ]
 
 
-def findings_table(found: Sequence[Finding]) -> Table:
+def findings_table(findings: Sequence[Finding]) -> Table:
     """Return the table of findings, one row per model."""
-    rows = [(one.model, one.word.value, "yes" if one.tested else "no", one.text) for one in found]
+    rows = [
+        (one.model, one.word.value, "yes" if one.tested else "no", one.text) for one in findings
+    ]
     columns = (
         Column("model", "model", "text"),
         Column("finding", "finding", "text"),
@@ -199,16 +201,16 @@ def agreement_table(cells: Iterable[CellAnswers]) -> Table:
         groups.setdefault((cell.model, key), []).extend(cell.answers.values())
     rows = []
     for (model, key), answers in sorted(groups.items()):
-        told = [a.agrees for a in answers if a is not None and a.agrees is not None]
+        agreements = [a.agrees for a in answers if a is not None and a.agrees is not None]
         rows.append(
             (
                 model,
                 words[key],
                 key,
                 len(answers),
-                len(told),
-                sum(told) / len(answers) if answers else None,
-                fmean(told) if told else None,
+                len(agreements),
+                sum(agreements) / len(answers) if answers else None,
+                fmean(agreements) if agreements else None,
             )
         )
     columns = (

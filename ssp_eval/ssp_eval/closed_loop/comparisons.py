@@ -72,17 +72,17 @@ def shares_of(runs: Iterable[Run]) -> dict[tuple[str, Latency], dict[Place, floa
     there = list(runs)
     without = drivers_without_rates([run.row for run in there])
     starved = {(run.row.driver, run.row.latency) for run in there if run.row.starved}
-    found: dict[tuple[str, Latency], dict[Place, list[bool]]] = {}
+    successes: dict[tuple[str, Latency], dict[Place, list[bool]]] = {}
     for run in there:
         row = run.row
         counts = row.kind == CRITICAL and row.outcome != HARNESS
         cell_of = (row.driver, row.latency)
         if counts and row.driver not in without and cell_of not in starved:
-            cell = found.setdefault(cell_of, {})
+            cell = successes.setdefault(cell_of, {})
             cell.setdefault((row.event, row.start), []).append(row.succeeds)
     return {
         cell: {place: sum(each) / len(each) for place, each in of_cell.items()}
-        for cell, of_cell in found.items()
+        for cell, of_cell in successes.items()
     }
 
 
@@ -102,7 +102,7 @@ def pairs_of(
     each = [*combinations(drivers, 2)] if others is None else [*product(drivers, others)]
     shares = shares_of(runs)
     latencies = sorted({latency for _, latency in shares})
-    found = []
+    pairs = []
     for latency in latencies:
         for first, second in each:
             one = shares.get((first, latency), {})
@@ -111,8 +111,8 @@ def pairs_of(
             if both:
                 more = sum(one[place] > other[place] for place in both)
                 fewer = sum(one[place] < other[place] for place in both)
-                found.append(Pair(latency, first, second, len(both), mcnemar(more, fewer)))
-    return found
+                pairs.append(Pair(latency, first, second, len(both), mcnemar(more, fewer)))
+    return pairs
 
 
 def over_events(
@@ -130,7 +130,7 @@ def over_events(
         seed: of it.
     """
     shares = shares_of(runs)
-    found = []
+    summaries = []
     for driver, latency in dict.fromkeys((key[1], key[2]) for key in headlines):
         own = {k[0]: v for k, v in headlines.items() if k[1:] == (driver, latency)}
         values = [v for v in own.values() if v is not None]
@@ -145,8 +145,8 @@ def over_events(
             samples = _resampled(by_event, resamples, seed, driver, str(latency))
             interval = percentile_interval(samples, reach(len(own)))
             interval = Interval(max(interval.low or 0.0, 0.0), min(interval.high or 0.0, 1.0))
-        found.append(OverEvents(driver, latency, len(own), headline, interval))
-    return found
+        summaries.append(OverEvents(driver, latency, len(own), headline, interval))
+    return summaries
 
 
 def _resampled(

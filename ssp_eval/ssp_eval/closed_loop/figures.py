@@ -27,11 +27,11 @@ def class_of(share: str) -> str:
 
 def counts_of(runs: Sequence[Run]) -> dict[str, int]:
     """Return how many runs have each outcome; an avoided one that is needless stands apart."""
-    found = dict.fromkeys(SHARES, 0)
+    counts = dict.fromkeys(SHARES, 0)
     for run in runs:
         needless = run.row.outcome == "avoided" and run.row.needless
-        found[NEEDLESS if needless else run.row.outcome] += 1
-    return found
+        counts[NEEDLESS if needless else run.row.outcome] += 1
+    return counts
 
 
 def outcome_plot(driver: str, runs: Sequence[Run], rates: Sequence[Rates]) -> str:
@@ -53,28 +53,30 @@ def outcome_plot(driver: str, runs: Sequence[Run], rates: Sequence[Rates]) -> st
                 continue
             part = height * count / len(own)
             top -= part
-            told = pages.title(
+            tooltip = pages.title(
                 f"{driver}, {one.latency.words}: {count} of {len(own)} {share.replace('_', ' ')}"
             )
             kind = class_of(share)
             parts.append(
-                pages.element("rect", told, x=x, y=top, width=_BAR * room, height=part, class_=kind)
+                pages.element(
+                    "rect", tooltip, x=x, y=top, width=_BAR * room, height=part, class_=kind
+                )
             )
         middle = x + _BAR * room / 2
-        shown = "–" if one.headline is None else f"{one.headline:.2f}"
+        label = "–" if one.headline is None else f"{one.headline:.2f}"
         parts += [
-            pages.text(middle, _TOP - 7, shown, text_anchor="middle", class_="value"),
+            pages.text(middle, _TOP - 7, label, text_anchor="middle", class_="value"),
             pages.text(middle, floor + 15, one.latency.shown, text_anchor="middle"),
         ]
     parts.append(pages.text(_WIDTH / 2, _HEIGHT - 4, "L, s", text_anchor="middle"))
-    named = f"Outcomes of {driver} over latency"
+    title = f"Outcomes of {driver} over latency"
     return pages.element(
         "svg",
-        pages.title(named) + "".join(parts),
+        pages.title(title) + "".join(parts),
         class_="outcomes",
         viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}",
         role="img",
-        aria_label=named,
+        aria_label=title,
     )
 
 
@@ -103,11 +105,11 @@ class Chain:
     @property
     def parts(self) -> list[tuple[str, float]]:
         """Parts of the bar, by class; a response before the answer has no length of its own."""
-        named = (
+        durations = (
             *(("wait", self.wait_s), ("open", self.open_s)),
             *(("answer", self.answer_s), ("response", self.response_s)),
         )
-        return [(name, value) for name, value in named if value is not None and value > 0.0]
+        return [(name, value) for name, value in durations if value is not None and value > 0.0]
 
     @property
     def whole_s(self) -> float:

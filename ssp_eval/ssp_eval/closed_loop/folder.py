@@ -86,11 +86,11 @@ class LoopCampaign:
     def groups(self) -> dict[int, list[str]]:
         """Drivers with runs, by the number of their group of like cards."""
         there = self.drivers
-        found = {
+        drivers_by_group = {
             k: [one for one in group if one in there]
             for k, group in enumerate(groups_of(self.cards), 1)
         }
-        return {k: group for k, group in found.items() if group}
+        return {k: group for k, group in drivers_by_group.items() if group}
 
     def card(self, driver: str) -> dict[str, Any]:
         """Return a driver's card."""

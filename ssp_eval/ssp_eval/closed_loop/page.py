@@ -68,7 +68,7 @@ def write_loop_report(campaign: LoopCampaign, further: Sequence[Table] = ()) -> 
 
 def tables_of(campaign: LoopCampaign) -> list[Table]:
     """Return all tables of a campaign, for files; those of a group of drivers have its number."""
-    found, rates = [], campaign.rates
+    tables, rates = [], campaign.rates
     for k, group in campaign.groups.items():
         others = [one for one in campaign.drivers if one not in group]
         own = [
@@ -80,8 +80,8 @@ def tables_of(campaign: LoopCampaign) -> list[Table]:
             pair_table(campaign, group),
             unlike_pair_table(campaign, group, others),
         ]
-        found += [replace(one, name=f"{one.name}_{k}") for one in own]
-    return found
+        tables += [replace(one, name=f"{one.name}_{k}") for one in own]
+    return tables
 
 
 def render(campaign: LoopCampaign, further: Sequence[Table] = ()) -> str:
@@ -127,7 +127,7 @@ def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[s
     rates = [one for one in campaign.rates if one.event == event]
     runs = [one for one in campaign.critical if one.row.event == event]
     headings = headings_of(campaign.cards)
-    shown = []
+    sections = []
     for k, group in campaign.groups.items():
         drivers = [one for one in group if any(run.row.driver == one for run in runs)]
         if drivers:
@@ -147,7 +147,7 @@ def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[s
                 )
                 for driver in drivers
             ]
-            shown.append(
+            sections.append(
                 {
                     "conditions": f"Group {k}: {headings[k - 1]}",
                     "headline": grid(headline_table(campaign, event, drivers)),
@@ -161,7 +161,7 @@ def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[s
         "event": event,
         "drawn": draw.words,
         "left_out": draw.left_out,
-        "groups": shown,
+        "groups": sections,
         "chains": [_with_words(chain) for chain in chains],
         "longest_s": max([chain.whole_s for chain in chains], default=0.0) or 1.0,
         "severity": _severity(campaign, event, groups),
@@ -179,8 +179,8 @@ def _others(campaign: LoopCampaign, groups: list[list[str]]) -> list[Grid]:
 
 
 def _noted(tables: Sequence[Table]) -> list[Grid]:
-    found = [grid(table) for table in tables if table.rows]
-    return [*(replace(one, notes=()) for one in found[:-1]), *found[-1:]]
+    grids = [grid(table) for table in tables if table.rows]
+    return [*(replace(one, notes=()) for one in grids[:-1]), *grids[-1:]]
 
 
 def _pairs(campaign: LoopCampaign, groups: list[list[str]], own: list[str]) -> list[Grid]:
@@ -197,19 +197,19 @@ def _unlike(campaign: LoopCampaign, group: list[str], own: list[str]) -> Table:
 
 
 def _with_words(chain: Chain) -> dict[str, Any]:
-    named = (
+    durations = (
         *(("frame", chain.wait_s), ("question", chain.open_s)),
         *(("answer", chain.answer_s), ("response", chain.response_s)),
     )
-    words = [f"{name} {value:+.2f} s" for name, value in named if value is not None]
-    told = ", ".join(words) if words else "not asked after T_obs"
+    words = [f"{name} {value:+.2f} s" for name, value in durations if value is not None]
+    description = ", ".join(words) if words else "not asked after T_obs"
     if chain.responded < chain.runs:
-        told += f"; no response in {chain.runs - chain.responded} of {chain.runs}"
+        description += f"; no response in {chain.runs - chain.responded} of {chain.runs}"
     return {
         "driver": chain.driver,
         "latency": chain.latency,
         "parts": chain.parts,
-        "told": told,
+        "told": description,
     }
 
 
@@ -222,26 +222,26 @@ def planned_of(campaign: LoopCampaign) -> int:
 def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
     """Return what must be read before the numbers, each with whether it is strong."""
     plan, rates = campaign.plan, campaign.rates
-    found = [
+    notices = [
         (
             "Outcomes hold for these events, places and starts. Objects don't react to the VUT. "
             "No headline says that a model may drive a vehicle.",
             True,
         )
     ]
-    done, planned = len(campaign.runs), planned_of(campaign)
-    if done < planned:
-        found.append((f"Only {done} of {planned} runs are done: rates will change.", True))
-    found += [(f"The campaign is refused: {text}.", True) for text in refused_for(rates, ZERO)]
-    found += [
+    run_count, planned = len(campaign.runs), planned_of(campaign)
+    if run_count < planned:
+        notices.append((f"Only {run_count} of {planned} runs are done: rates will change.", True))
+    notices += [(f"The campaign is refused: {text}.", True) for text in refused_for(rates, ZERO)]
+    notices += [
         (f"Gets better with latency: {text}.", True) for text in rising(rates, campaign.drivers)
     ]
     off = off_the_twin(one.cells for one in campaign.runs)
-    found += [(f"Differs from no_response: {text}.", True) for text in off]
+    notices += [(f"Differs from no_response: {text}.", True) for text in off]
     for one in rates:
         if one.headline is None:
             lost = one.planned - one.driven
-            found.append(
+            notices.append(
                 (
                     f"{one.driver} on {one.event} at {one.latency.words} has no rate: SSP "
                     f"failed in {lost} of {one.planned} runs.",
@@ -249,7 +249,7 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
                 )
             )
         if one.starved:
-            found.append(
+            notices.append(
                 (
                     f"{one.driver} on {one.event} at {one.latency.words} is starved in "
                     f"{one.starved} of {one.planned} runs: its plans end before the next one can "
@@ -257,15 +257,15 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
                     False,
                 )
             )
-    found += [(text, False) for text in _early(campaign)]
+    notices += [(text, False) for text in _early(campaign)]
     if plan.starts < FEW_STARTS:
         starts = counted(plan.starts, "critical start")
-        found.append((f"Intervals are wide: {starts} per event.", False))
+        notices.append((f"Intervals are wide: {starts} per event.", False))
     if len(plan.events) < LEAST_EVENTS:
-        found.append(
+        notices.append(
             (f"{counted(len(plan.events), 'event')}: no interval covers other events.", False)
         )
-    return found
+    return notices
 
 
 def _early(campaign: LoopCampaign) -> list[str]:
@@ -294,12 +294,12 @@ def failed_of(campaign: LoopCampaign) -> list[tuple[str, list[Run]]]:
     drivers = sorted(
         (one for one in campaign.drivers if one not in ZERO), key=lambda one: one in BASELINES
     )
-    found = []
+    failures = []
     for driver in drivers:
         runs = [r for r in campaign.critical if r.row.driver == driver and not r.row.succeeds]
         if runs:
-            found.append((driver, sorted(runs, key=lambda r: r.row.outcome != HARNESS)))
-    return found
+            failures.append((driver, sorted(runs, key=lambda r: r.row.outcome != HARNESS)))
+    return failures
 
 
 def again(campaign: LoopCampaign, run: Run) -> str:

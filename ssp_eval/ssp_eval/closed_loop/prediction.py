@@ -59,13 +59,13 @@ def scores_by_driver(
         metric: ``ivcs``, or a component of it.
         events: of the campaign.
     """
-    wanted, found = set(events), dict[tuple[str, str], list[float]]()
+    event_names, scores = set(events), dict[tuple[str, str], list[float]]()
     for row in rows:
         value = getattr(row, metric)
         usual = row.status == OK and row.domain == "simulation" and not row.control
-        if usual and row.scenario in wanted and value is not None:
-            found.setdefault((row.scenario, row.model), []).append(float(value))
-    return {cell: fmean(values) for cell, values in found.items()}
+        if usual and row.scenario in event_names and value is not None:
+            scores.setdefault((row.scenario, row.model), []).append(float(value))
+    return {cell: fmean(values) for cell, values in scores.items()}
 
 
 def predict(
@@ -112,12 +112,12 @@ def rho_of(points: Sequence[Point]) -> float | None:
 
 def inversions_of(points: Sequence[Point]) -> tuple[tuple[str, str], ...]:
     """Return the pairs that are ordered differently, the one with the better score first."""
-    found = []
+    inversions = []
     for one, other in combinations(points, 2):
         better, worse = (one, other) if one.score > other.score else (other, one)
         if better.score > worse.score and better.high < worse.low:
-            found.append((better.driver, worse.driver))
-    return tuple(found)
+            inversions.append((better.driver, worse.driver))
+    return tuple(inversions)
 
 
 def prediction_table(campaign: LoopCampaign, rows: Sequence[CellRow]) -> Table:
@@ -127,7 +127,7 @@ def prediction_table(campaign: LoopCampaign, rows: Sequence[CellRow]) -> Table:
         campaign: gives the headlines.
         rows: cells of `ssp evaluate` on the same events, none of a driven recording.
     """
-    found = [
+    predictions = [
         one
         for metric in (IVCS, *COMPONENTS)
         for one in predict(campaign, scores_by_driver(rows, metric, campaign.plan.events), metric)
@@ -148,7 +148,7 @@ def prediction_table(campaign: LoopCampaign, rows: Sequence[CellRow]) -> Table:
                 *(o.event, o.latency.shown, o.metric, o.n, o.rho),
                 ", ".join(f"{a} over {b}" for a, b in o.inversions),
             )
-            for o in found
+            for o in predictions
         ),
         notes=(
             "The unit is the driver; its score is that of the model of its name on the built-in "
@@ -156,6 +156,6 @@ def prediction_table(campaign: LoopCampaign, rows: Sequence[CellRow]) -> Table:
             "baselines and starved drivers not counted, those with unlike cards in separate "
             "rows. Pairs are named where the intervals of their headlines don't "
             "overlap.",
-            *([] if found else [_NOBODY]),
+            *([] if predictions else [_NOBODY]),
         ),
     )

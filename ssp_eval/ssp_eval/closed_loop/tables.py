@@ -83,7 +83,7 @@ def other_starts_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
     for row in (run.row for run in campaign.runs):
         if row.kind != CRITICAL and row.driver in drivers:
             cells.setdefault((row.event, row.kind, row.driver, row.latency), []).append(row)
-    counts = {cell: Counter(row.outcome for row in found) for cell, found in cells.items()}
+    counts = {cell: Counter(row.outcome for row in rows) for cell, rows in cells.items()}
     there = [kind for kind in OUTCOMES if any(count[kind] for count in counts.values())]
     return Table(
         "other_starts",
@@ -97,11 +97,11 @@ def other_starts_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
         ),
         tuple(
             (
-                *(event, kind, driver, latency.shown, len(found)),
+                *(event, kind, driver, latency.shown, len(rows)),
                 *(counts[event, kind, driver, latency][one] for one in there),
-                sum(bool(row.needless) for row in found),
+                sum(bool(row.needless) for row in rows),
             )
-            for (event, kind, driver, latency), found in cells.items()
+            for (event, kind, driver, latency), rows in cells.items()
         ),
         notes=(
             "They enter no headline. On a harmless start a VUT that doesn't respond has no "
@@ -150,12 +150,12 @@ def over_events_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
         for one in campaign.rates
         if one.driver in drivers
     }
-    found = over_events(campaign.runs, headlines)
-    latencies = sorted({one.latency for one in found})
+    summaries = over_events(campaign.runs, headlines)
+    latencies = sorted({one.latency for one in summaries})
     cells = {
         (one.driver, one.latency): with_ends(one.headline, one.interval.low, one.interval.high)
         + (f" ({one.events})" if one.events < len(campaign.plan.events) else "")
-        for one in found
+        for one in summaries
     }
     events = len(campaign.plan.events)
     note = (
@@ -210,9 +210,11 @@ def pair_table(
         drivers: of the group.
         beside: pairs without one of these are left out; None: none is.
     """
-    shown = drivers if beside is None else beside
+    subjects = drivers if beside is None else beside
     pairs = [
-        one for one in pairs_of(campaign.runs, drivers) if one.first in shown or one.second in shown
+        one
+        for one in pairs_of(campaign.runs, drivers)
+        if one.first in subjects or one.second in subjects
     ]
     return _pairs("pairs", "of drivers", campaign, pairs)
 

@@ -58,14 +58,14 @@ def load_said(campaign: LoopCampaign) -> list[DrivenAnswer]:
     Raises:
         InputError: a file isn't as `ssp loop` leaves it.
     """
-    found = []
+    answers = []
     for path in sorted((campaign.folder / TEXTS_FOLDER).glob("*.jsonl")):
         for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
-            found.append(_said(path, number, line))
-    return found
+            answers.append(_answer(path, number, line))
+    return answers
 
 
-def _said(path: Path, number: int, line: str) -> DrivenAnswer:
+def _answer(path: Path, number: int, line: str) -> DrivenAnswer:
     one = parse_json_line(line, path, number)
     try:
         speed_mps, slows_mps = float(one["speed_mps"]), float(one["slows_mps"])
@@ -91,7 +91,7 @@ def lon_action_by(extractor: Extractor) -> Callable[[str], str | None]:
 
 
 def words_of(
-    campaign: LoopCampaign, said: Iterable[DrivenAnswer], action: Callable[[str], str | None]
+    campaign: LoopCampaign, answers: Iterable[DrivenAnswer], action: Callable[[str], str | None]
 ) -> list[Words]:
     """Compare words with deeds.
 
@@ -100,12 +100,12 @@ def words_of(
 
     Args:
         campaign: whose runs they are of.
-        said: the answers.
+        answers: those that have texts.
         action: finds the longitudinal action of a text.
     """
     runs = {run.number: run for run in campaign.critical}
     marks: dict[tuple[str, Latency], dict[int, tuple[bool, bool]]] = {}
-    for one in said:
+    for one in answers:
         run, stated = runs.get(one.row), action(one.text)
         if run is None or stated is None or one.speed_mps < SLOWS_MPS:
             continue
@@ -130,19 +130,19 @@ def words_tables(campaign: LoopCampaign) -> list[Table]:
 
     A group has its number, as in the other tables.
     """
-    said = load_said(campaign)
-    if not said:
+    answers = load_said(campaign)
+    if not answers:
         return []
-    found = words_of(campaign, said, lon_action_by(Extractor()))
+    words = words_of(campaign, answers, lon_action_by(Extractor()))
     tables = []
     for k, group in campaign.groups.items():
-        own = [one for one in found if one.driver in group]
+        own = [one for one in words if one.driver in group]
         if own:
             tables.append(_table(f"words_{k}", own))
     return tables
 
 
-def _table(name: str, found: Iterable[Words]) -> Table:
+def _table(name: str, words: Iterable[Words]) -> Table:
     return Table(
         name,
         "Words against deeds",
@@ -155,7 +155,7 @@ def _table(name: str, found: Iterable[Words]) -> Table:
         ),
         tuple(
             (o.driver, o.latency.shown, o.runs, o.only_said / o.runs, o.only_done / o.runs)
-            for o in found
+            for o in words
         ),
         notes=(
             "Shares of the runs on critical starts with an answer at or after T_obs that states a "

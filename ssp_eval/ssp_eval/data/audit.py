@@ -59,26 +59,26 @@ def _either(words: tuple[str, ...]) -> str:
     return " or ".join(words)
 
 
-def differences(found: Property, reference: Property) -> dict[str, tuple[str, str]] | None:
-    """Return the parts in which two values of one field differ, as (found, reference).
+def differences(candidate: Property, reference: Property) -> dict[str, tuple[str, str]] | None:
+    """Return the parts in which two values of one field differ, as (candidate, reference).
 
     Two words for a part agree when they share one. An empty answer means that the fields are equal;
     None means that one of them isn't determined, so that the answer is unknown.
     """
-    if found.words is None or reference.words is None:
+    if candidate.words is None or reference.words is None:
         return None
     parts = {}
-    for part in [*reference.words, *(p for p in found.words if p not in reference.words)]:
-        ours = found.words.get(part, ())
+    for part in [*reference.words, *(p for p in candidate.words if p not in reference.words)]:
+        ours = candidate.words.get(part, ())
         theirs = reference.words.get(part, ())
         if not set(ours) & set(theirs):
             parts[part] = (_either(ours) or "absent", _either(theirs) or "absent")
     return parts
 
 
-def is_equal(found: Property, reference: Property) -> bool:
+def is_equal(candidate: Property, reference: Property) -> bool:
     """Return [q(d, k) = q(Syn, k)]; a property that isn't determined equals nothing."""
-    return differences(found, reference) == {}
+    return differences(candidate, reference) == {}
 
 
 def phase_fraction(t_s: float, start_s: float, end_s: float) -> float:
@@ -116,27 +116,29 @@ def phase_difference(phi: Mapping[str, float], reference: Mapping[str, float]) -
 
 
 def property_retention(
-    found: Mapping[str, Property],
+    properties: Mapping[str, Property],
     reference: Mapping[str, Property],
     weights: Mapping[str, float] | None = None,
 ) -> float:
     """Return KPR(d) = Σ_k w_k [q(d, k) = q(Syn, k)] / Σ_k w_k, METHOD 4.
 
     Args:
-        found: q(d, k) per field; a field that isn't there or isn't determined equals nothing.
+        properties: q(d, k) per field; a field that isn't there or isn't determined equals nothing.
         reference: q(Syn, k) of every field.
         weights: w_k ≥ 0 from part C of K*; 1 where not given.
 
     Raises:
         ValueError: the weights sum to 0, or one is negative or not finite.
     """
-    given = weights or {}
-    w = {k: given.get(k, 1.0) for k in FIELDS}
+    weight_by_field = weights or {}
+    w = {k: weight_by_field.get(k, 1.0) for k in FIELDS}
     total = math.fsum(w.values())
     if not math.isfinite(total) or total <= 0.0 or min(w.values()) < 0.0:
         raise ValueError(f"weights {w} can't be used")
-    kept = math.fsum(w[k] for k in FIELDS if k in found and is_equal(found[k], reference[k]))
-    return kept / total
+    retained_weight = math.fsum(
+        w[k] for k in FIELDS if k in properties and is_equal(properties[k], reference[k])
+    )
+    return retained_weight / total
 
 
 SCHEMA: Literal["ssp.audit/2"] = "ssp.audit/2"
@@ -420,8 +422,8 @@ class Audit(Strict):
                 against = " without a reason" if not entry.reasons else " with reasons against it"
             elif entry.status != "refused" and (entry.status == "unpaired") != bool(refused):
                 against = f", though {refused[0] if refused else 'nobody'} is refused"
-            elif entry.status != "refused" and (found := next(self._against(entry), None)):
-                against = f", though {found}"
+            elif entry.status != "refused" and (problem := next(self._against(entry), None)):
+                against = f", though {problem}"
             if against:
                 return f"{entry.domain} is {entry.status}{against}"
         return None
@@ -438,8 +440,8 @@ class Audit(Strict):
             yield f"it is of {entry.scenario}, the audit is of {self.scenario}"
         if entry.verdict not in (None, "valid"):
             yield f"the run's verdict is {entry.verdict}"
-        if told := [*entry.safety_events, *entry.identities]:
-            yield f"it has {told[0]}"
+        if incidents := [*entry.safety_events, *entry.identities]:
+            yield f"it has {incidents[0]}"
         if unlogged := [change.field for change in entry.changes if not change.logged]:
             yield f"the change of {unlogged[0]} isn't logged"
         if set(entry.properties) != set(FIELDS):
@@ -456,10 +458,10 @@ class Audit(Strict):
         yield from self._against_times(entry, synthetic)
         if entry.pictures is not None and (failing := entry.pictures.failing):
             yield f"its pictures differ from its states: {failing[0].told}"
-        seen = {**entry.coverage.participants, "the conflict zone": entry.coverage.zone}
+        sights = {**entry.coverage.participants, "the conflict zone": entry.coverage.zone}
         if entry.coverage.source == "none":
             yield "what its camera covers is unknown"
-        for who, sight in seen.items():
+        for who, sight in sights.items():
             if sight and sight.fraction is not None and sight.fraction < sight.needed - _ROUNDING:
                 yield f"{who} is visible for {sight.fraction:g}, needed are {sight.needed:g}"
 

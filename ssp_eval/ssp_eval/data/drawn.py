@@ -36,10 +36,10 @@ class Redrawing(Strict):
     @property
     def text(self) -> str:
         """Describe the bag, for people."""
-        told = f"drawn anew by CARLA from the states of {self.of} ({self.of_sha256})"
+        description = f"drawn anew by CARLA from the states of {self.of} ({self.of_sha256})"
         if self.left_out:
-            told += f", without {self.left_out} frames at which no state of the VUT is known"
-        return told
+            description += f", without {self.left_out} frames at which no state of the VUT is known"
+        return description
 
 
 def read_drawn(bag: BagReader) -> Redrawing | None:

@@ -96,8 +96,8 @@ class EgoPath:
     def pose(self, t_s: float) -> tuple[int, Pose2] | None:
         """Return the piece that covers a time, and the pose at that time; None outside the path."""
         for index, piece in enumerate(self.pieces):
-            if (found := pose_at(piece, t_s)) is not None:
-                return index, Pose2(found.x_m, found.y_m, found.yaw_rad)
+            if (point := pose_at(piece, t_s)) is not None:
+                return index, Pose2(point.x_m, point.y_m, point.yaw_rad)
         return None
 
     def after(self, at_s: float, horizon_s: float) -> Trajectory | None:
@@ -107,10 +107,10 @@ class EgoPath:
             at_s: t = 0 of the result.
             horizon_s: of the result, s; it ends earlier where the piece does.
         """
-        found = self.pose(at_s)
-        if found is None:
+        start = self.pose(at_s)
+        if start is None:
             return None
-        index, origin = found
+        index, origin = start
         driven = [
             (pose.t_s - at_s, *origin.to_local(pose.x_m, pose.y_m))
             for pose in self.pieces[index]

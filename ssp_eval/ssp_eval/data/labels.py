@@ -395,23 +395,23 @@ def compare_labels(by_name: Mapping[str, Labels]) -> LabelComparison:
     """
     count = len(by_name)
     counts = {name: counts_text(phase_counts(labels)) for name, labels in by_name.items()}
-    told = ", ".join(f"{name} {text}" for name, text in counts.items())
+    description = ", ".join(f"{name} {text}" for name, text in counts.items())
     plans = {labels.plan for labels in by_name.values()}
     if len(plans) > 1:
         parts = [f"{name} by {labels.plan}" for name, labels in by_name.items()]
-        text = f"{told}; label times differ in kind: {', '.join(parts)}"
+        text = f"{description}; label times differ in kind: {', '.join(parts)}"
         return LabelComparison(count, False, False, text)
     if plans != {BY_PHASE}:
         same = len(set(counts.values())) <= 1
-        return LabelComparison(count, same, False, told)
+        return LabelComparison(count, same, False, description)
     places = {name: [label.at for label in labels.labels] for name, labels in by_name.items()}
     first = next(iter(places.values()))
     differing = [name for name, other in places.items() if not _are_equal(first, other)]
     if not differing:
-        return LabelComparison(count, True, True, told)
+        return LabelComparison(count, True, True, description)
     if len(set(counts.values())) == 1:
-        told = f"{told}, at other places of the phases in {', '.join(differing)}"
-    return LabelComparison(count, False, False, told)
+        description = f"{description}, at other places of the phases in {', '.join(differing)}"
+    return LabelComparison(count, False, False, description)
 
 
 def compare_by_scenario(
@@ -423,10 +423,10 @@ def compare_by_scenario(
         labelled: scenario, domain and labels of recordings; of several with the same scenario and
             domain the first counts.
     """
-    found: dict[str, dict[str, Labels]] = {}
+    by_scenario: dict[str, dict[str, Labels]] = {}
     for scenario, domain, labels in labelled:
-        found.setdefault(scenario, {}).setdefault(domain, labels)
-    return {scenario: compare_labels(found[scenario]) for scenario in sorted(found)}
+        by_scenario.setdefault(scenario, {}).setdefault(domain, labels)
+    return {scenario: compare_labels(by_scenario[scenario]) for scenario in sorted(by_scenario)}
 
 
 def _are_equal(one: list[PhasePosition | None], other: list[PhasePosition | None]) -> bool:

@@ -164,8 +164,8 @@ class ImportRecord(Strict):
     @property
     def source_sha256(self) -> str | None:
         """Hash of the file that was imported."""
-        found = self.source.get("sha256")
-        return found if isinstance(found, str) else None
+        digest = self.source.get("sha256")
+        return digest if isinstance(digest, str) else None
 
 
 OUR_RENDERER = "the camera of ssp"
@@ -278,13 +278,13 @@ class Provenance:
     def remark(self) -> str:
         """Describe what must stand beside its domain, for people; empty: nothing."""
         if self.stand_in:
-            told = "a software stand-in, not a vehicle"
+            description = "a software stand-in, not a vehicle"
         elif self.is_undeclared:
-            told = "undeclared"
+            description = "undeclared"
         else:
             return f"{self.domain} by the word of {self.declared_by}" if self.declared_by else ""
         part = self.participation
-        return f"{self.domain} is {told}" + ("" if part is None else f": {part.text}")
+        return f"{self.domain} is {description}" + ("" if part is None else f": {part.text}")
 
     @property
     def participants(self) -> Participants | None:
@@ -328,9 +328,9 @@ class Provenance:
     @property
     def carla_texts(self) -> dict[str, str]:
         """Describe the bodies in CARLA that drew or moved participants, for people."""
-        found = {} if self.scene is None else self.scene.texts
+        bodies = {} if self.scene is None else self.scene.texts
         moved = {} if self.plant is None else self.plant.texts
-        return {f"body of {name}": text for name, text in found.items()} | {
+        return {f"body of {name}": text for name, text in bodies.items()} | {
             f"moved by CARLA: {name}": text for name, text in moved.items()
         }
 
@@ -432,8 +432,8 @@ def _told_verdict(bag: Path) -> tuple[RecordedVerdict, str] | None:
         InputError: the file is no verdict.
     """
     folder = bag if bag.is_dir() else bag.parent
-    told = read_verdict(folder)
-    return None if told is None else (told, sha256_file(folder / VERDICT_FILE))
+    verdict = read_verdict(folder)
+    return None if verdict is None else (verdict, sha256_file(folder / VERDICT_FILE))
 
 
 def _told_twin(bag: BagReader) -> str | None:
@@ -441,8 +441,8 @@ def _told_twin(bag: BagReader) -> str | None:
     data = bag.attachment(TWIN_ATTACHMENT)
     if data is None:
         return None
-    told = parse_mapping(data, f"{bag.path}:{TWIN_ATTACHMENT}")
-    return f"{told.get('words')}, of {told.get('of')}"
+    twin = parse_mapping(data, f"{bag.path}:{TWIN_ATTACHMENT}")
+    return f"{twin.get('words')}, of {twin.get('of')}"
 
 
 def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
@@ -453,11 +453,11 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     running = [stamp_ns(s.header.stamp) for s in states if s.state == SessionPhase.RUNNING]
     verdict = Verdict(states[-1].verdict) if states else Verdict.NONE
     reasons = tuple(str(reason) for reason in states[-1].reasons) if states else ()
-    told = _told_verdict(bag.path)
-    if told is not None and told[0].verdict is not Verdict.VALID:
+    verdict_file = _told_verdict(bag.path)
+    if verdict_file is not None and verdict_file[0].verdict is not Verdict.VALID:
         # What went wrong after the session's last word is known to runner and recorder alone.
-        verdict = told[0].verdict if verdict in (Verdict.VALID, Verdict.NONE) else verdict
-        reasons = tuple(dict.fromkeys((*reasons, *told[0].reasons)))
+        verdict = verdict_file[0].verdict if verdict in (Verdict.VALID, Verdict.NONE) else verdict
+        reasons = tuple(dict.fromkeys((*reasons, *verdict_file[0].reasons)))
     if not running:
         # Without a start there is no clip time; the verdict says why there was none.
         verdict = verdict if verdict is not Verdict.VALID else Verdict.INVALID_HARNESS
@@ -467,7 +467,7 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     if bag.path.is_dir():
         check_result(run, participation, folder)
     word = folder / DECLARATION_FILE
-    drawn, scene = read_drawn(bag), read_server(bag, CAMERA_RENDERER, CarlaScene)
+    redrawing, scene = read_drawn(bag), read_server(bag, CAMERA_RENDERER, CarlaScene)
     plant = read_server(bag, WORLD_PLANT, CarlaPlantRecord)
     return Provenance(
         name=bag_folder(bag.path).name,
@@ -478,20 +478,20 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         f"{run.compiler or 'a run file made by hand'}; {participation.text}",
         event_version=run.event_version,
         origin=f"session {run.run_id} at {run.site}, seed {run.seed}, {run.mode}"
-        + ("" if drawn is None else f", {drawn.text}"),
+        + ("" if redrawing is None else f", {redrawing.text}"),
         stand_in=run.stand_in
         or stands_in(run, participation)
-        or (drawn is not None and run.domain == "physical"),
+        or (redrawing is not None and run.domain == "physical"),
         ego="measured",
         camera="measured",
         verdict=verdict.name.lower(),
         verdict_reasons=reasons,
-        verdict_sha256=None if told is None else told[1],
+        verdict_sha256=None if verdict_file is None else verdict_file[1],
         session_start_ns=min(running, default=None),
         run=run,
         imported=None,
         twin=_told_twin(bag),
-        drawn=drawn,
+        drawn=redrawing,
         scene=scene,
         plant=plant,
         probe=None if scene is None and plant is None else read_probe(folder),
@@ -512,7 +512,7 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
     declared = record.declaration
     names = ", ".join(record.accepted_names)
     accepted = f", accepted as it is: {names}" if names else ""
-    drawn, scene = read_drawn(bag), read_server(bag, CAMERA_RENDERER, CarlaScene)
+    redrawing, scene = read_drawn(bag), read_server(bag, CAMERA_RENDERER, CarlaScene)
     return Provenance(
         name=bag_folder(bag.path).name,
         bag_sha256=digest,
@@ -521,8 +521,8 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
         domain_said_by="not declared" if declared is None else declared.text,
         event_version=record.event_version,
         origin=f"{kind} {record.source_name}, {crop}, made by {record.generator}{accepted}"
-        + ("" if drawn is None else f", {drawn.text}"),
-        stand_in=drawn is not None and record.domain == "physical",
+        + ("" if redrawing is None else f", {redrawing.text}"),
+        stand_in=redrawing is not None and record.domain == "physical",
         ego=record.ego.provenance,
         camera=record.camera.provenance,
         verdict=None,
@@ -531,7 +531,7 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
         session_start_ns=None,
         run=None,
         imported=record,
-        drawn=drawn,
+        drawn=redrawing,
         scene=scene,
         probe=None if scene is None else read_probe(bag_folder(bag.path)),
     )

@@ -170,9 +170,9 @@ class _Line(RootModel[_Content]):
         """Return the number of colons of a line in which no key stands twice."""
         content = self.root
         slots, adapter = content["slots"], content.get("adapter")
-        said = len(slots) - list(slots.values()).count(None)
+        answer_count = len(slots) - list(slots.values()).count(None)
         path = 0 if content["trajectory"] is None else len(_Trajectory.__annotations__)
-        count = len(content) + len(slots) + 2 * said + path + content["text"].count(":")
+        count = len(content) + len(slots) + 2 * answer_count + path + content["text"].count(":")
         if adapter is not None:
             texts = (adapter["name"], adapter["mode"], *adapter["notes"])
             count += len(adapter) + sum([text.count(":") for text in texts])
@@ -188,14 +188,14 @@ def _with_nan(numbers: _Coordinates) -> tuple[float, ...]:
 
 def slots_of(line: SlotsLine) -> Slots:
     """Return the slots; None where a line has null, or null for the value."""
-    return Slots(**{name: _slot(said) for name, said in line.items()})
+    return Slots(**{name: _slot(entry) for name, entry in line.items()})
 
 
-def _slot(said: Any) -> Slot | None:
-    if said is None or said["value"] is None:
+def _slot(entry: Any) -> Slot | None:
+    if entry is None or entry["value"] is None:
         return None
-    value = said["value"]
-    return Slot(once(value) if isinstance(value, tuple) else value, said["evidence"])
+    value = entry["value"]
+    return Slot(once(value) if isinstance(value, tuple) else value, entry["evidence"])
 
 
 def load_records(path: str | Path) -> tuple[BehaviourRecord, ...]:
@@ -251,17 +251,17 @@ def parse_line(
     Raises:
         InputError: something is wrong, with line and field.
     """
-    made = None
+    instance = None
     with suppress(ValidationError):
-        made = model.model_validate_json(line)
-    if made is not None and colons_of is not None:
+        instance = model.model_validate_json(line)
+    if instance is not None and colons_of is not None:
         # Without a backslash, the quicker search, no colon of a text is written as \u003a.
         is_plain = "\\" not in line or "\\u003" not in line
-        if is_plain and line.count(":") == colons_of(made):
-            return made
+        if is_plain and line.count(":") == colons_of(instance):
+            return instance
     value = parse_json_line(line, file, number)
-    if made is not None:
-        return made
+    if instance is not None:
+        return instance
     # A half of a surrogate pair, which is no text of UTF-8, becomes ?.
     whole = json.dumps(value, ensure_ascii=False).encode("utf-8", "replace")
     try:

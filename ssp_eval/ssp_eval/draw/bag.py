@@ -32,7 +32,7 @@ def write_drawn(
     recorded: DrawableRecording,
     pictures: Pictures,
     server: CarlaScene,
-    drawn: Redrawing,
+    redrawing: Redrawing,
     target: Path,
 ) -> None:
     """Write the new bag, which is whole or not there.
@@ -41,7 +41,7 @@ def write_drawn(
         recorded: the recording that is drawn anew.
         pictures: one of each frame, but for those that are left out.
         server: that drew them.
-        drawn: identity of the drawing, which the new bag carries.
+        redrawing: identity of the drawing, which the new bag carries.
         target: folder of the new bag, which doesn't exist yet.
 
     Raises:
@@ -49,7 +49,7 @@ def write_drawn(
         HostError: the disk doesn't take it.
     """
     bag, changes = recorded.bag, _changes(recorded, pictures)
-    identity = drawn.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
+    identity = redrawing.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
     with new_folder(target) as folder:
         with BagWriter(folder, name=f"{target.name}_0", maker=Maker.DRAW) as writer:
             begin_derived(
@@ -62,17 +62,17 @@ def write_drawn(
             writer.add_topic(
                 _RENDERER, "std_msgs/msg/String", offered_qos(1, transient_local=True), latched=True
             )
-            said = encode_server(server.model_dump(mode="json", by_alias=True))
+            server_record = encode_server(server.model_dump(mode="json", by_alias=True))
             begun_ns = bag.start_ns or 0
-            writer.write(_RENDERER, said, begun_ns, begun_ns)
+            writer.write(_RENDERER, server_record, begun_ns, begun_ns)
             for message in bag.messages([name for name in bag.topics if name != _RENDERER]):
                 change = changes.get(message.topic)
                 data = message.data if change is None else change(message.data)
                 if data is not None:
                     writer.write_all([message._replace(data=data)])
-        told = bag_folder(bag.path) / VERDICT_FILE
-        if told.is_file():
-            shutil.copyfile(told, folder / VERDICT_FILE)
+        verdict_file = bag_folder(bag.path) / VERDICT_FILE
+        if verdict_file.is_file():
+            shutil.copyfile(verdict_file, folder / VERDICT_FILE)
 
 
 def _changes(

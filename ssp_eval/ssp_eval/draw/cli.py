@@ -75,8 +75,8 @@ def draw(
     out = out or default_out(source)
     with BagReader(source) as bag:
         recorded = read_recorded(bag, read_provenance(bag))
-        wanted, said_by = _map_of(recorded, map_file)
-        sha256 = opendrive_sha256(read_map(wanted))
+        map_path, said_by = _map_of(recorded, map_file)
+        sha256 = opendrive_sha256(read_map(map_path))
         with taken_folder(out.absolute().parent / f"{out.name}.drawing"):
             pictures = Pictures(out, recorded.facts.bag_sha256, sha256)
             if out.exists():
@@ -91,22 +91,22 @@ def draw(
                     file=source,
                     remedy="give a recording with states of the VUT at its frames",
                 )
-            drawn = Redrawing(
+            redrawing = Redrawing(
                 of=recorded.name,
                 of_sha256=recorded.facts.bag_sha256,
-                map_file=wanted.name,
+                map_file=map_path.name,
                 map_sha256=sha256,
                 map_said_by=said_by,
                 frames=count,
                 left_out=len(recorded.frames_ns) - count,
                 software=f"ssp {__version__}",
             )
-            write_drawn(recorded, pictures, pictures.server, drawn, out)
+            write_drawn(recorded, pictures, pictures.server, redrawing, out)
             pictures.remove()
     if as_json:
-        click.echo(json.dumps(drawn.model_dump(mode="json", by_alias=True)))
+        click.echo(json.dumps(redrawing.model_dump(mode="json", by_alias=True)))
     else:
-        console.out.print(f"{out}: {drawn.frames} pictures, {drawn.text}", markup=False)
+        console.out.print(f"{out}: {redrawing.frames} pictures, {redrawing.text}", markup=False)
     return 0
 
 
@@ -122,7 +122,7 @@ def default_out(bag: Path) -> Path:
 
 
 def _map_of(
-    recorded: DrawableRecording, given: Path | None
+    recorded: DrawableRecording, map_file: Path | None
 ) -> tuple[Path, Literal["the task", "--map"]]:
     """Return the map's file, and the authority that it is the recording's.
 
@@ -133,16 +133,16 @@ def _map_of(
     task = attached(recorded.bag, TASK_FILE, Task)
     place = None if task is None else task.place
     is_compiled = place is not None and place.kind == "opendrive"
-    if given is not None:
-        read_map(given)
-        if is_compiled and place is not None and sha256_file(given) != place.sha256:
+    if map_file is not None:
+        read_map(map_file)
+        if is_compiled and place is not None and sha256_file(map_file) != place.sha256:
             raise InputError(
                 f"isn't the map that the run was compiled for, {place.name} ({place.sha256})",
-                file=given,
+                file=map_file,
                 field="--map",
                 remedy="leave it out, or give that one",
             )
-        return given, "the task" if is_compiled else "--map"
+        return map_file, "the task" if is_compiled else "--map"
     if place is None or not is_compiled:
         where = "nothing that it names" if place is None else f"a {place.kind}, {place.name}"
         raise InputError(
@@ -202,8 +202,10 @@ def _draw(
                 count += 1
                 bar.advance(bar.task_ids[0])
         except PeerError as error:
-            kept = f"; {count} of {len(recorded.frames_ns)} are kept, and the same command goes on"
-            raise PeerError(f"{error}{kept if count else ''}") from error
+            progress_text = (
+                f"; {count} of {len(recorded.frames_ns)} are kept, and the same command goes on"
+            )
+            raise PeerError(f"{error}{progress_text if count else ''}") from error
         finally:
             if painter is not None:
                 for line in painter.close():

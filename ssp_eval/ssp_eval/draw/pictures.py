@@ -51,16 +51,16 @@ class Pictures:
         if not file.is_file():
             return
         there = load_model(Drawing, file)
-        for field, found, wanted in (
+        for field, stored_sha256, required_sha256 in (
             ("of_sha256", there.of_sha256, of_sha256),
             ("map_sha256", there.map_sha256, map_sha256),
         ):
-            if found != wanted:
+            if stored_sha256 != required_sha256:
                 raise InputError(
                     "holds a drawing of another recording or map",
                     file=file,
                     field=field,
-                    value=found,
+                    value=stored_sha256,
                     remedy="name another bag with --out, or remove the folder",
                 )
         self.server = there.server

@@ -75,18 +75,18 @@ def read_recorded(bag: BagReader, facts: Provenance) -> DrawableRecording:
         InputError: it is no session with states and frames, or was drawn anew or is a twin itself.
     """
     if facts.twin is not None or facts.drawn is not None:
-        made = facts.twin if facts.drawn is None else facts.drawn.text
+        derivation = facts.twin if facts.drawn is None else facts.drawn.text
         raise InputError(
-            f"isn't as it was recorded: {made}",
+            f"isn't as it was recorded: {derivation}",
             file=bag.path,
             remedy="give the recording that it was made of",
         )
     people, road = facts.participants, facts.road
-    for known, what, remedy in (
+    for part, what, remedy in (
         (people, "no states of VUT and objects", "give a recording with states"),
         (road, "no road", "bind one: `ssp import-bag --site MAP`"),
     ):
-        if known is None:
+        if part is None:
             raise InputError(
                 f"has {what}, so that there is nothing to draw", file=bag.path, remedy=remedy
             )
@@ -124,14 +124,14 @@ def _imported_camera(bag: BagReader, frames_ns: Sequence[int]) -> Camera | None:
         return None
     lens, mount = optics.lens, optics.mounting
     apart_s = float(np.median(np.diff(frames_ns))) / NS_PER_S if len(frames_ns) > 1 else 0.1
-    told = {
+    parameters = {
         "width_px": lens.width_px,
         "height_px": lens.height_px,
         "hfov_deg": math.degrees(2.0 * math.atan(0.5 * lens.width_px / lens.fx_px)),
         "rate_hz": 1.0 / apart_s,
         **{field.name: getattr(mount, field.name) for field in fields(mount)},
     }
-    return parse_model(Camera, told, f"{bag.path}: camera")
+    return parse_model(Camera, parameters, f"{bag.path}: camera")
 
 
 def scenes(recorded: DrawableRecording) -> Iterator[tuple[int, Scene]]:
@@ -151,7 +151,7 @@ def _of_world(recorded: DrawableRecording) -> Iterator[tuple[int, Scene]]:
             field=TICK,
             remedy="give a recording of `ssp run`, which attaches its run",
         )
-    camera, wanted = Redrawing(run), set(recorded.frames_ns)
+    camera, pending_ns = Redrawing(run), set(recorded.frames_ns)
     for message in recorded.bag.messages([TICK]):
         try:
             tick = decode_tick(message.data)
@@ -163,8 +163,8 @@ def _of_world(recorded: DrawableRecording) -> Iterator[tuple[int, Scene]]:
                 remedy="record the session again",
             ) from error
         scene = camera.see(tick.step, tick.stamp_ns, tick.objects)
-        if scene is not None and tick.stamp_ns in wanted:
-            wanted.remove(tick.stamp_ns)
+        if scene is not None and tick.stamp_ns in pending_ns:
+            pending_ns.remove(tick.stamp_ns)
             yield tick.stamp_ns, scene
 
 
@@ -172,12 +172,14 @@ def _of_reports(recorded: DrawableRecording) -> Iterator[tuple[int, Scene]]:
     """Yield the scenes of the states that were reported, each extrapolated to the frame's stamp."""
     people, road = recorded.people, recorded.road
     ids = [people.vut, *people.targets]
-    found = object_states(recorded.bag, ids)
-    rows = {name: _Reports([s for s in states if s.is_finite]) for name, states in found.items()}
+    states_by_id = object_states(recorded.bag, ids)
+    rows = {
+        name: _Reports([s for s in states if s.is_finite]) for name, states in states_by_id.items()
+    }
     odometer, indicators = Odometer(), Indicators(road)
     for stamp_ns in recorded.frames_ns:
-        known = [rows[name].at(stamp_ns) for name in sorted(rows)]
-        states = tuple(state for state in known if state is not None)
+        estimates = [rows[name].at(stamp_ns) for name in sorted(rows)]
+        states = tuple(state for state in estimates if state is not None)
         vut = next((state for state in states if state.object_id == people.vut), None)
         if vut is None:
             continue

@@ -77,13 +77,13 @@ class TopicClients(Closing):
         if model.timeout_s is not None:
             timeouts = replace(timeouts, answer_s=model.timeout_s)
         text = json.dumps(_in_time(model, options, timeouts), sort_keys=True)
-        known = self._clients.get(model.name)
-        if known is not None and known[0] == text:
+        entry = self._clients.get(model.name)
+        if entry is not None and entry[0] == text:
             self._exchanges[model.name][0].ignored = IgnoredAnswers()
             # At once where it is on its topics; one that was too slow for the cell before may be
             # there by now, and isn't started a second time.
-            known[1].connect()
-            return known[1]
+            entry[1].connect()
+            return entry[1]
         transport = self._open()
         if model.name not in self._exchanges:
             exchange = RequestTracker()
@@ -91,8 +91,8 @@ class TopicClients(Closing):
         exchange, link = self._exchanges[model.name]
         exchange.ignored = IgnoredAnswers()
         start = None if model.attached else lambda: self._start(model, text, timeouts.answer_s)
-        if known is not None:
-            known[1].stop()
+        if entry is not None:
+            entry[1].stop()
         gives_up = not model.attached and model.backend_name in OPTION_TIMEOUT
         client = TopicClient(model.name, transport, exchange, link, timeouts, start, gives_up)
         self._clients[model.name] = text, client

@@ -85,21 +85,21 @@ class Plan:
             parts.append(f"{self.spoilt} repeat the models' questions with spoilt frames")
         if self.to_answerers:
             parts.append(f"{self.to_answerers} go to the built-in answerers")
-        told = []
+        details = []
         if controls:
             what = ", ".join(parts)
-            told.append(f"{controls} for controls: {what} ({leave_out} leaves them out)")
+            details.append(f"{controls} for controls: {what} ({leave_out} leaves them out)")
         if self.corrupted:
-            told.append(f"{self.corrupted} repeat the models' questions with corrupted pictures")
+            details.append(f"{self.corrupted} repeat the models' questions with corrupted pictures")
         if self.about_twins:
-            told.append(f"{self.about_twins} once more about twins")
+            details.append(f"{self.about_twins} once more about twins")
         if self.given_back:
-            told.append(f"{self.given_back} with the model's own text given back")
+            details.append(f"{self.given_back} with the model's own text given back")
         if self.blind:
-            told.append(f"{self.blind} without pictures")
+            details.append(f"{self.blind} without pictures")
         if self.repeated:
-            told.append(f"{self.repeated} as before, to see what changes without a cause")
-        return f"{text}; of these {'; '.join(told)}" if told else text
+            details.append(f"{self.repeated} as before, to see what changes without a cause")
+        return f"{text}; of these {'; '.join(details)}" if details else text
 
 
 def plan_of(
@@ -115,29 +115,29 @@ def plan_of(
     compared = compare_by_scenario(
         (clip.labels.scenario, clip.labels.domain, clip.labels) for clip in clips
     )
-    found = Counter[str]()
+    counts = Counter[str]()
     for clip in clips:
         each = len(clip.labels.labels)
         for model in models_of(clip, models):
-            found["label_times"] += each
+            counts["label_times"] += each
             if clip.refusal is not None:
                 continue
-            found["cells"] += 1
-            found["questions"] += each
-            found[_asked_for(model)] += each
+            counts["cells"] += 1
+            counts["questions"] += each
+            counts[_asked_for(model)] += each
     return Plan(
-        label_times=found["label_times"],
-        cells=found["cells"],
-        questions=found["questions"],
-        to_answerers=found["answerers"],
-        spoilt=found["spoilt"],
-        corrupted=found["corrupted"],
-        about_twins=found["twins"],
-        given_back=found["given back"],
-        blind=found[BLIND],
-        repeated=found["repeated"],
+        label_times=counts["label_times"],
+        cells=counts["cells"],
+        questions=counts["questions"],
+        to_answerers=counts["answerers"],
+        spoilt=counts["spoilt"],
+        corrupted=counts["corrupted"],
+        about_twins=counts["twins"],
+        given_back=counts["given back"],
+        blind=counts[BLIND],
+        repeated=counts["repeated"],
         goes_on=goes_on,
-        label_lines=tuple(f"{name}: {told.line}" for name, told in compared.items()),
+        label_lines=tuple(f"{name}: {comparison.line}" for name, comparison in compared.items()),
     )
 
 
@@ -218,9 +218,9 @@ def _labelled(
 ) -> LabelledClip:
     admission.check_is_of(clip.provenance)
     observed = {file.name: sha256_file(file) for file in find_observations(clip.path)}
-    held = admission.held_against(clip.provenance.verdict_sha256, observed)
-    clip.crop_to(held.crop)
-    return LabelledClip(clip, labels, source, proposed, held)
+    bag_admission = admission.held_against(clip.provenance.verdict_sha256, observed)
+    clip.crop_to(bag_admission.crop)
+    return LabelledClip(clip, labels, source, proposed, bag_admission)
 
 
 def _check_name(labels: Labels, file: Path) -> None:
@@ -272,9 +272,9 @@ def check_distinct(clips: Sequence[LabelledClip]) -> None:
     Raises:
         InputError: naming both bags.
     """
-    seen: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for labelled in clips:
-        other = seen.setdefault(labelled.name, labelled.clip.path)
+        other = paths.setdefault(labelled.name, labelled.clip.path)
         if other != labelled.clip.path:
             raise InputError(
                 f"is {labelled.name.replace('__', ' in ')}, and so is {other}",
@@ -359,9 +359,9 @@ def _with_all_twins(stack: ExitStack, clips: Sequence[LabelledClip]) -> list[Lab
     Raises:
         InputError: none has any, or they are of other recordings.
     """
-    found = [with_twins(stack, labelled) for labelled in clips]
-    without = [str(labelled.clip.path) for labelled in found if not labelled.twins]
-    if len(without) == len(found):
+    clips_and_twins = [with_twins(stack, labelled) for labelled in clips]
+    without = [str(labelled.clip.path) for labelled in clips_and_twins if not labelled.twins]
+    if len(without) == len(clips_and_twins):
         raise InputError(
             "there are no twins beside the recordings that could be asked about",
             field="--twins",
@@ -370,7 +370,7 @@ def _with_all_twins(stack: ExitStack, clips: Sequence[LabelledClip]) -> list[Lab
         )
     for path in without:
         console.note(f"note: {path} has no twins beside it")
-    return found
+    return clips_and_twins
 
 
 def run_campaign(

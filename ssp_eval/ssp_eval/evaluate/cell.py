@@ -54,12 +54,12 @@ def evaluate_again(
     Raises:
         InputError: as of evaluate_cells.
     """
-    found = evaluate_cells(labelled, models, clients, out, options, on_record)
-    late = [model for model, one in zip(models, found, strict=True) if one.failed_for_bridge]
+    results = evaluate_cells(labelled, models, clients, out, options, on_record)
+    late = [model for model, one in zip(models, results, strict=True) if one.failed_for_bridge]
     if not late:
-        return found
+        return results
     again = iter(evaluate_cells(labelled, late, clients, out, options, lambda: None))
-    return [next(again) if one.failed_for_bridge else one for one in found]
+    return [next(again) if one.failed_for_bridge else one for one in results]
 
 
 def evaluate_cells(
@@ -94,31 +94,31 @@ def evaluate_cells(
         for _ in range(len(places) * len(labels)):
             on_record()
         return [_unasked(place, "refused", labelled.refusal) for place in places.values()]
-    found: dict[str, CellResult] = {}
+    results: dict[str, CellResult] = {}
     for stage in stages_of(models, labelled.clip.provenance.bag_sha256, len(labels)):
         of_stage = [places[model.shown] for model in stage.models]
         answers = ask_all(of_stage, stage.rows, clients, out, options, on_record)
-        for place, (asked, ignored) in zip(of_stage, answers, strict=True):
-            found[place.model.shown] = _scored(place, asked, ignored, options)
-    return [found[name] for name in places]
+        for place, (exchanges, ignored) in zip(of_stage, answers, strict=True):
+            results[place.model.shown] = _scored(place, exchanges, ignored, options)
+    return [results[name] for name in places]
 
 
 def _scored(
-    place: CellPlace, asked: Sequence[Exchange], ignored: IgnoredAnswers, options: CellOptions
+    place: CellPlace, exchanges: Sequence[Exchange], ignored: IgnoredAnswers, options: CellOptions
 ) -> CellResult:
     """Interpret and score a cell's answers, and write its files."""
     folder = place.folder
     options.extractor.counts.clear()  # those of the cell before
-    records = records_of(asked, place.adapter, options.extractor)
+    records = records_of(exchanges, place.adapter, options.extractor)
     write_text(folder / RECORDS_FILE, "".join(record_to_json(r) + "\n" for r in records))
     if not records:
         # No usable answer: there is nothing to score.
         _remove(folder, SCORE_FILE)
-        reasons = list(dict.fromkeys(one.missing for one in asked if one.missing))
-        return write_cell(place, "failed", reasons, asked, ignored)
+        reasons = list(dict.fromkeys(one.missing for one in exchanges if one.missing))
+        return write_cell(place, "failed", reasons, exchanges, ignored)
     score = score_cell(place.labelled.labels, records, options.thresholds).to_json()
     write_json(folder / SCORE_FILE, score)
-    return write_cell(place, "ok", [], asked, ignored, score)
+    return write_cell(place, "ok", [], exchanges, ignored, score)
 
 
 def _unasked(place: CellPlace, status: str, reason: str) -> CellResult:

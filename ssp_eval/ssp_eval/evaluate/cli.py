@@ -95,12 +95,12 @@ def reasoned(models: Sequence[ModelSpec]) -> list[ModelSpec]:
     Raises:
         click.UsageError: none can.
     """
-    asked = [model for model in models if not model.condition and not model.answerer]
-    if not any(map(is_chat, asked)):
+    candidates = [model for model in models if not model.condition and not model.answerer]
+    if not any(map(is_chat, candidates)):
         raise click.UsageError(
             "--reasoning: no model can be given its own text back; that needs the backend openai"
         )
-    for model in asked:
+    for model in candidates:
         if not is_chat(model):
             console.note(f"reasoning of {model.name}: n/a, its bridge gives no text back")
     return with_reasoning(models)

@@ -130,35 +130,35 @@ class _Conversation:
         stored = self._store.find(key)
         if stored is not None:
             loss, why = loss_of(stored)
-            asked = Exchange(
+            exchange = Exchange(
                 question.label_t_s, question.t_s, question.request, stored, why, loss, reused=True
             )
         else:
-            asked = self._ask(question, key)
+            exchange = self._ask(question, key)
             while (
-                asked.loss in PASSING
+                exchange.loss in PASSING
                 and self._client is not None
-                and asked.again < self._options.retry_errors
+                and exchange.again < self._options.retry_errors
             ):
-                time.sleep(min(self._options.retry_pause_s * 2**asked.again, _LONGEST_PAUSE_S))
-                asked = replace(self._ask(question, key), again=asked.again + 1)
-        self._asked.append(replace(asked, no_previous=no_previous))
+                time.sleep(min(self._options.retry_pause_s * 2**exchange.again, _LONGEST_PAUSE_S))
+                exchange = replace(self._ask(question, key), again=exchange.again + 1)
+        self._asked.append(replace(exchange, no_previous=no_previous))
 
     def _ask(self, question: Question, key: str) -> Exchange:
         request = replace(question.request, request_id=new_request_id(key))
-        asked = Exchange(question.label_t_s, question.t_s, request, None)
+        exchange = Exchange(question.label_t_s, question.t_s, request, None)
         client = self._reached()
         if client is None:
-            return replace(asked, missing=self._unreachable, loss=Loss.UNREACHABLE)
+            return replace(exchange, missing=self._unreachable, loss=Loss.UNREACHABLE)
         # Other cells may be asked over the same client in between.
         before = replace(client.ignored)
         reply = client.ask(request)
         self._ignored = self._ignored.plus(client.ignored, before)
         if reply.response is None:
-            return replace(asked, missing=reply.reason, loss=reply.loss)
+            return replace(exchange, missing=reply.reason, loss=reply.loss)
         self._store.append(reply.response)
         loss, why = loss_of(reply.response)
-        return replace(asked, response=reply.response, missing=why, loss=loss)
+        return replace(exchange, response=reply.response, missing=why, loss=loss)
 
     def _reached(self) -> ModelClient | None:
         """Return the way to the model; one not reached isn't tried again in this cell."""

@@ -91,8 +91,8 @@ def serve(
     from ssp_vla_bridge.egodriver.policy import BridgePolicy
     from ssp_vla_bridge.egodriver.server import Listening, serving
 
-    name, _, given = bridge.partition("=")
-    options = driver_options(name, parse_options(given, name), models_file, sorted(BACKENDS))
+    name, _, options_text = bridge.partition("=")
+    options = driver_options(name, parse_options(options_text, name), models_file, sorted(BACKENDS))
     if EGODRIVER in options:
         raise InputError(
             "is served already",
@@ -141,9 +141,9 @@ def check(
 
     Exit status 1 if a part fails.
     """
-    given = {"url": url, "deadline_s": deadline_s, "camera": camera, "tls": tls}
-    given["revision"] = None if revision is None else int(revision)
-    options = read_options({**given, "insecure": drive_insecure}, "check")
+    arguments = {"url": url, "deadline_s": deadline_s, "camera": camera, "tls": tls}
+    arguments["revision"] = None if revision is None else int(revision)
+    options = read_options({**arguments, "insecure": drive_insecure}, "check")
     # gRPC is loaded where it is used.
     from ssp_vla_bridge.egodriver.check import check_policy
     from ssp_vla_bridge.egodriver.tls import read_certificates

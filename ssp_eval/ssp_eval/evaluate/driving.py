@@ -40,28 +40,28 @@ _FACTS = {"total_b", "active_b", "architecture", "weights_sha256"}
 
 
 def driver_options(
-    name: str, given: Mapping[str, Any], models_file: Path | None, others: Sequence[str]
+    name: str, arguments: Mapping[str, Any], models_file: Path | None, others: Sequence[str]
 ) -> dict[str, Any]:
     """Return the options of a model as a run file keeps them: its entry of a models file.
 
     Args:
         name: of a model of the models file, or of a bridge.
-        given: what stands behind ``NAME=``, as with ``ssp evaluate --bridge``.
+        arguments: what stands behind ``NAME=``, as with ``ssp evaluate --bridge``.
         models_file: of ssp.models/1; None: none is given.
         others: names of drivers that are no models, for the message.
 
     Raises:
         InputError: there is no such model or bridge, or it may not drive.
     """
-    if set(given) == {EGODRIVER} and isinstance(given[EGODRIVER], dict):
-        return _policy_options(name, {"options": given[EGODRIVER]})
-    if set(given) == {MODEL} and isinstance(given[MODEL], dict):
-        entry = dict(given[MODEL])
-    elif models_file is not None and not given:
+    if set(arguments) == {EGODRIVER} and isinstance(arguments[EGODRIVER], dict):
+        return _policy_options(name, {"options": arguments[EGODRIVER]})
+    if set(arguments) == {MODEL} and isinstance(arguments[MODEL], dict):
+        entry = dict(arguments[MODEL])
+    elif models_file is not None and not arguments:
         entry = _entry(name, models_file)
     else:
-        entry = beside_options(given)
-        if ATTACHED in given:
+        entry = beside_options(arguments)
+        if ATTACHED in arguments:
             raise _attached(name)
     spec = entry_spec(name, entry)
     if spec.backend_name == EGODRIVER:
@@ -127,14 +127,14 @@ def _policy_options(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _entry(name: str, models_file: Path) -> dict[str, Any]:
-    known = [spec.name for spec in load_models(models_file)]
-    if name not in known:
+    names = [spec.name for spec in load_models(models_file)]
+    if name not in names:
         raise InputError(
             "holds no such model",
             file=models_file,
             field="models",
             value=name,
-            remedy=f"there is {', '.join(known)}",
+            remedy=f"there is {', '.join(names)}",
         )
     return dict(read_mapping(models_file)["models"][name] or {})
 
@@ -158,9 +158,9 @@ def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
             "sees_route": True,
         }
     model, spec = bridge_model(name, options), _spec(name, options)
-    named = spec.options.get("model")
+    model_name = spec.options.get("model")
     return {
-        "model": named if isinstance(named, str) else model.backend,
+        "model": model_name if isinstance(model_name, str) else model.backend,
         "weights_sha256": dict(options.get(MODEL, {})).get("weights_sha256"),
         **prompt_facts(model),
         "interface": model.interface.name,

@@ -229,23 +229,23 @@ def run_pool(
         RuntimeError: a bug in a worker, with its traceback.
     """
     pool = _Pool(settings, list(jobs), on_record)
-    found: dict[int, list[CellResult]] = {}
+    results: dict[int, list[CellResult]] = {}
     try:
         for _ in range(min(workers, len(jobs))):
             pool.give(pool.start())
-        while len(found) < len(jobs):
+        while len(results) < len(jobs):
             ready = wait([worker.pipe for worker in pool.workers if worker.job is not None])
             for worker in [worker for worker in pool.workers if worker.pipe in ready]:
-                _hear(pool, worker, found, on_dead)
+                _hear(pool, worker, results, on_dead)
     finally:
         pool.end()
-    return [result for job in jobs for result in found[job.number]]
+    return [result for job in jobs for result in results[job.number]]
 
 
 def _hear(
     pool: _Pool,
     worker: _Worker,
-    found: dict[int, list[CellResult]],
+    results: dict[int, list[CellResult]],
     on_dead: Callable[[Job, str], list[CellResult]],
 ) -> None:
     """Take a worker's message, or notice its death."""
@@ -260,14 +260,14 @@ def _hear(
         worker.process.kill()
         pool.workers.remove(worker)
         worker.pipe.close()
-        found[job.number] = on_dead(job, f"the worker died: {how}")
+        results[job.number] = on_dead(job, f"the worker died: {how}")
         if pool.waiting:
             pool.give(pool.start())
         return
     if kind == RECORD:
         pool.on_record()
     elif kind == DONE:
-        found[job.number] = value
+        results[job.number] = value
         worker.job = None
         pool.give(worker)
     elif kind == ERROR:
@@ -382,7 +382,7 @@ def _run(
 ) -> list[CellResult]:
     actor_class = ray.remote(num_cpus=1)(_Actor)
     waiting = list(jobs)
-    found: dict[int, list[CellResult]] = {}
+    results: dict[int, list[CellResult]] = {}
     actors: list[Any] = []
     there: list[Any] = []
     at_work: dict[Any, tuple[Any, Job | None]] = {}
@@ -396,7 +396,7 @@ def _run(
     try:
         for _ in range(min(workers, len(jobs))):
             start()
-        while len(found) < len(jobs):
+        while len(results) < len(jobs):
             ready, _ = ray.wait(list(at_work), num_returns=1, timeout=_NOTE_S)
             if not ready:
                 if not there:
@@ -410,7 +410,7 @@ def _run(
                     there.remove(actor)
                 lost = waiting.pop(0) if job is None and waiting else job
                 if lost is not None:
-                    found[lost.number] = on_dead(lost, f"the worker died: {first_line(error)}")
+                    results[lost.number] = on_dead(lost, f"the worker died: {first_line(error)}")
                 if waiting:
                     start()
                 continue
@@ -420,7 +420,7 @@ def _run(
             if job is None:
                 there.append(actor)
             else:
-                found[job.number], records = answer
+                results[job.number], records = answer
                 for _ in range(records):
                     on_record()
             if waiting:
@@ -428,7 +428,7 @@ def _run(
                 at_work[actor.run.remote(following)] = actor, following
     finally:
         _end(ray, there, actors)
-    return [result for job in jobs for result in found[job.number]]
+    return [result for job in jobs for result in results[job.number]]
 
 
 def _end(ray: Any, there: Sequence[Any], actors: Sequence[Any]) -> None:

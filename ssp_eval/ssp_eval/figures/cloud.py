@@ -65,13 +65,13 @@ def place_labels(
         return -sum(1.0 / (0.02 + math.dist(points[index], other)) for other in points)
 
     placed: dict[int, Point] = {}
-    taken = [*obstacles, *(around(point, marker_in, marker_in) for point in points)]
+    boxes = [*obstacles, *(around(point, marker_in, marker_in) for point in points)]
     for index in sorted(range(len(points)), key=lambda i: (crowd(i), i)):
         free = [
             place
             for place in _places(points[index], sizes[index])
             if _covers(bounds, box := around(place, *sizes[index]))
-            and not box.count_overlaps(taken)
+            and not box.count_overlaps(boxes)
         ]
         if not free:
             return None
@@ -83,7 +83,7 @@ def place_labels(
         )
         placed[index] = next(clear, free[0])
         width, height = sizes[index]
-        taken.append(around(placed[index], width + 2 * _CLEARANCE_IN, height + 2 * _CLEARANCE_IN))
+        boxes.append(around(placed[index], width + 2 * _CLEARANCE_IN, height + 2 * _CLEARANCE_IN))
     return [placed[index] for index in range(len(points))]
 
 
@@ -142,8 +142,8 @@ def spread(places: Sequence[float], gap: float, low: float, high: float) -> list
         while blocks and blocks[-1][0] + gap * len(blocks[-1][1]) > start:
             before = blocks.pop()[1]
             members = before + members
-            wanted = [places[m] - gap * k for k, m in enumerate(members)]
-            start = sum(wanted) / len(wanted)
+            ideal_starts = [places[m] - gap * k for k, m in enumerate(members)]
+            start = sum(ideal_starts) / len(ideal_starts)
             start = min(max(start, low), high - gap * (len(members) - 1))
         blocks.append((min(start, high - gap * (len(members) - 1)), members))
     result = [0.0] * len(places)

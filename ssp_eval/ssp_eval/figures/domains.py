@@ -65,12 +65,14 @@ def _components(scores: Scores) -> Drawing | LeftOut:
             look = DOMAIN_LOOKS[domain]
             y = row * row_in + 0.05 + lane_in * (lane + 0.5)
             values = [cell.score[key] for cell in admitted if cell.domain == domain]
-            known = [value for value in values if value is not None]
-            if known:
-                axes.plot([min(known), max(known)], [y, y], color=look.colour, linewidth=0.7)
+            cell_scores = [value for value in values if value is not None]
+            if cell_scores:
+                axes.plot(
+                    [min(cell_scores), max(cell_scores)], [y, y], color=look.colour, linewidth=0.7
+                )
             axes.plot(
-                known,
-                [y] * len(known),
+                cell_scores,
+                [y] * len(cell_scores),
                 "|",
                 color=look.colour,
                 markersize=4,

@@ -62,7 +62,7 @@ def architectures(scores: Scores) -> Drawing | LeftOut:
     if len(order) < 2:
         return LeftOut(name, "fewer than two architectures are known")
     first, second = sorted(order[:2])
-    found: dict[str, dict[str, Mean]] = {
+    means: dict[str, dict[str, Mean]] = {
         one: {
             key: mean(c.score[key] for c in scores.cells if c.model in members[one])
             for key in IVCS_LAST
@@ -76,18 +76,18 @@ def architectures(scores: Scores) -> Drawing | LeftOut:
     sheet, axes, _ = named_rows(COLUMN_IN, titled, legend, right_in=0.4, row_in=0.22)
     axes.axhline(len(IVCS_LAST) - 1.5, color=FAINT, linewidth=0.6)
     for row, key in enumerate(IVCS_LAST):
-        ends = {one: found[one][key].value for one in looks}
-        known = [value for value in ends.values() if value is not None]
-        if len(known) == 2:
-            axes.plot(known, [row, row], color=GREY, linewidth=1.4, zorder=2, gid=f"bar-{key}")
-            text = f"{known[1] - known[0]:+z.2f}".replace("-", "−")
+        ends = {one: means[one][key].value for one in looks}
+        end_values = [value for value in ends.values() if value is not None]
+        if len(end_values) == 2:
+            axes.plot(end_values, [row, row], color=GREY, linewidth=1.4, zorder=2, gid=f"bar-{key}")
+            text = f"{end_values[1] - end_values[0]:+z.2f}".replace("-", "−")
             axes.text(1.05, row, text, va="center_baseline", clip_on=False)
         for one, value in ends.items():
             if value is not None:
                 mark(axes, (value, row), looks[one], f"end-{key}-{one}")
     share_axis(axes, "score, mean over cells")
     counts = "; ".join(
-        f"{one}: {counted(found[one]['ivcs'].n, 'cell')} of {listed(members[one])}" for one in looks
+        f"{one}: {counted(means[one]['ivcs'].n, 'cell')} of {listed(members[one])}" for one in looks
     )
     return Drawing(
         name,
@@ -125,8 +125,8 @@ def _architecture(scores: Scores, model: str) -> str:
 def _kinds(scores: Scores, models: Sequence[str]) -> tuple[dict[str, Look], dict[str, str]]:
     """Return the look by architecture, none and grey last, and the kind of each model."""
     kinds = {model: _architecture(scores, model) for model in models}
-    known = sorted({row.architecture for row in scores.facts.values() if row.architecture})
-    looks = {name: LOOKS[k % len(LOOKS)] for k, name in enumerate(known)}
+    names = sorted({row.architecture for row in scores.facts.values() if row.architecture})
+    looks = {name: LOOKS[k % len(LOOKS)] for k, name in enumerate(names)}
     looks[UNKNOWN] = Look("#bdbdbd", "o", "")
     return {name: look for name, look in looks.items() if name in set(kinds.values())}, kinds
 
@@ -158,10 +158,10 @@ def _semantics_trajectory(scores: Scores) -> Drawing | LeftOut:
         axes.plot(*zip(*border, strict=True), "--", color=INK, linewidth=0.8, zorder=1, gid="front")
         return border
 
-    drawn = cloud(points, *_kinds(scores, list(points)), set_up, set(front))
-    if drawn is None:
+    plot = cloud(points, *_kinds(scores, list(points)), set_up, set(front))
+    if plot is None:
         return LeftOut(name, "the points lie too close for labels")
-    sheet, names = drawn
+    sheet, names = plot
     missing = [model for model in scores.by_model if model not in points]
     return Drawing(
         name,
@@ -212,10 +212,10 @@ def _parameters(scores: Scores) -> Drawing | LeftOut:
         return ()
 
     text = f"not shown, since unknown: {listed(others)}" if others else ""
-    drawn = cloud(points, *_kinds(scores, list(points)), set_up, note=text)
-    if drawn is None:
+    plot = cloud(points, *_kinds(scores, list(points)), set_up, note=text)
+    if plot is None:
         return LeftOut(name, "the points lie too close for labels")
-    sheet, names = drawn
+    sheet, names = plot
     return Drawing(
         name,
         sheet.figure,
@@ -235,8 +235,8 @@ def _parameters(scores: Scores) -> Drawing | LeftOut:
 def _log_ticks(low: float, high: float) -> list[float]:
     """Return 1, 2 and 5 of each decade between the limits; only 1 where these are too many."""
     decades = [10.0**k for k in range(-6, 9)]
-    found = [m * d for d in decades for m in (1, 2, 5) if low <= m * d <= high]
-    return found if len(found) <= 8 else [tick for tick in decades if low <= tick <= high]
+    ticks = [m * d for d in decades for m in (1, 2, 5) if low <= m * d <= high]
+    return ticks if len(ticks) <= 8 else [tick for tick in decades if low <= tick <= high]
 
 
 def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
@@ -285,7 +285,7 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
             )
         share_axis(axes, "IVCS, mean over cells")
         axes.set_xlim(0.0, 1.02)
-        known = any(size.values())
+        has_sizes = any(size.values())
         yield Drawing(
             page,
             sheet.figure,
@@ -293,7 +293,7 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 "Models by IVCS, the unweighted mean over all their cells, with their rank; equal "
                 f"ones share a rank. {scores.n_text()}.",
                 "At the right total / active parameters in billions, ? where not known."
-                if known
+                if has_sizes
                 else "",
                 f"Architectures: {', '.join(f'{a} {n}' for a, n in sorted(counts.items()))}.",
                 "Ranks per scenario are in models_ranks.",

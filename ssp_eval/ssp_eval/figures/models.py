@@ -57,7 +57,7 @@ def differences(scores: Scores, reference: str | None) -> Iterator[Drawing | Lef
     if len(scores.by_model) < 2:
         yield LeftOut(name, "a difference needs two models")
         return
-    chosen = reference is not None
+    has_reference = reference is not None
     base = reference if reference is not None else next(iter(scores.by_model))
     others = [model for model in scores.by_model if model != base]
     pairs: dict[str, tuple[list[Cell], list[Cell]]] = {
@@ -77,7 +77,11 @@ def differences(scores: Scores, reference: str | None) -> Iterator[Drawing | Lef
             sheet.figure,
             caption(
                 f"Differences to the reference {base}"
-                + (" (as chosen)" if chosen else " (the best by IVCS; --reference names another)")
+                + (
+                    " (as chosen)"
+                    if has_reference
+                    else " (the best by IVCS; --reference names another)"
+                )
                 + ": mean score of a model minus the reference's, over the scenarios and domains "
                 f"that both have ({', '.join(map(str, counts))} per model); at the right the "
                 "difference of IVCS relative to the reference's. Filled bars are gains, hatched "
@@ -103,14 +107,14 @@ def _shared(cells: Sequence[Cell], model: str, base: str) -> tuple[list[Cell], l
 def _difference_panels(
     pairs: Mapping[str, tuple[list[Cell], list[Cell]]], names: dict[str, str]
 ) -> Sheet:
-    found = {}
+    value_pairs = {}
     for model, (own, others) in pairs.items():
         mine = next(iter(means(own, BY_MODEL).values()))
         theirs = next(iter(means(others, BY_MODEL).values()))
-        found[model] = {key: (mine[key].value, theirs[key].value) for key in IVCS_LAST}
+        value_pairs[model] = {key: (mine[key].value, theirs[key].value) for key in IVCS_LAST}
     apart = {
         model: {k: None if a is None or b is None else a - b for k, (a, b) in row.items()}
-        for model, row in found.items()
+        for model, row in value_pairs.items()
     }
     most = max((abs(v) for row in apart.values() for v in row.values() if v is not None), default=0)
     limit = next(step for step in _LIMITS if most <= step + 1e-9)
@@ -150,7 +154,7 @@ def _difference_panels(
     page = sheet.page()
     page.text(PAGE_IN - 0.05, head_in - 0.07, "rel. IVCS", ha="right")
     for row, model in enumerate(pairs):
-        share = relative_difference(*found[model]["ivcs"])
+        share = relative_difference(*value_pairs[model]["ivcs"])
         text = "–" if share is None else f"{share:+z.0%}".replace("-", "−").replace("%", " %")
         page.text(
             PAGE_IN - 0.05, head_in + ROW_IN * (row + 0.5), text, ha="right", va="center_baseline"
@@ -199,14 +203,20 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
     for page, members in pages_of(name, list(scores.by_model)):
         sheet, axes, _ = named_rows(width_in, [names[m] for m in members], legend)
         for row, model in enumerate(members):
-            found = {
+            ivcs_by_scenario = {
                 scenario: group["ivcs"].value
                 for scenario in scores.scenarios
                 if (group := scores.by_scenario_model.get((scenario, model)))
             }
-            known = [value for value in found.values() if value is not None]
-            axes.plot([min(known), max(known)], [row, row], color=GREY, linewidth=1.2, zorder=2)
-            for scenario, value in found.items():
+            ivcs_values = [value for value in ivcs_by_scenario.values() if value is not None]
+            axes.plot(
+                [min(ivcs_values), max(ivcs_values)],
+                [row, row],
+                color=GREY,
+                linewidth=1.2,
+                zorder=2,
+            )
+            for scenario, value in ivcs_by_scenario.items():
                 if value is None:
                     continue
                 mark(axes, (value, row), looks[scenario], f"scenario-{scenario}-{model}")
@@ -281,8 +291,8 @@ def _profiles(scores: Scores) -> Iterator[Drawing | LeftOut]:
 
 
 def _median(values: Iterator[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return median(known) if known else None
+    numbers = [value for value in values if value is not None]
+    return median(numbers) if numbers else None
 
 
 def _panels(scores: Scores, members: Mapping[str, str], middle: Sequence[float | None]) -> Sheet:
@@ -296,7 +306,7 @@ def _panels(scores: Scores, members: Mapping[str, str], middle: Sequence[float |
     height_in = bar_in * len(PROFILE)
     width_in = left_in + step_in * (columns - 1) + panel_in + 0.15
     sheet = Sheet(width_in, rows * (head_in + height_in + gap_in) + foot_in)
-    for index, (model, shown) in enumerate(members.items()):
+    for index, (model, label) in enumerate(members.items()):
         row, column = divmod(index, columns)
         axes = sheet.axes(
             left_in + step_in * column,
@@ -312,7 +322,7 @@ def _panels(scores: Scores, members: Mapping[str, str], middle: Sequence[float |
         axes.tick_params(axis="y", length=0)
         axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"] if last else ["", "", ""])
         ivcs = shown_mean(scores.by_model[model]["ivcs"].value)
-        axes.set_title(f"{shown} {ivcs}", loc="left", pad=3, size=7.0)
+        axes.set_title(f"{label} {ivcs}", loc="left", pad=3, size=7.0)
     page = sheet.page()
     page.text(
         (left_in + width_in - 0.15) / 2,

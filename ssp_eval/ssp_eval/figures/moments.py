@@ -50,14 +50,14 @@ class Moment:
     @property
     def says(self) -> str:
         """The actions that the text commits to, marked right or wrong."""
-        found = self.judgement
-        return _actions(found.text_lon, found.text_lat, self.label)
+        judgement = self.judgement
+        return _actions(judgement.text_lon, judgement.text_lat, self.label)
 
     @property
     def plans(self) -> str:
         """The actions that the trajectory makes, marked right or wrong."""
-        found = self.judgement
-        return _actions(found.trajectory_lon, found.trajectory_lat, self.label)
+        judgement = self.judgement
+        return _actions(judgement.trajectory_lon, judgement.trajectory_lat, self.label)
 
     @property
     def allowed(self) -> str:
@@ -83,8 +83,8 @@ class CellMoments:
     @cached_property
     def path(self) -> EgoPath:
         """Return the VUT's path, as far as the requests state it."""
-        known = [r for r in self.cell.requests if r.get("ego_provenance") != "unknown"]
-        return EgoPath(tuple(map(tuple, recorded_paths(known))))
+        requests = [r for r in self.cell.requests if r.get("ego_provenance") != "unknown"]
+        return EgoPath(tuple(map(tuple, recorded_paths(requests))))
 
     @property
     def ego_provenance(self) -> str:
@@ -144,13 +144,14 @@ def cell_moments(cell: CellData, out: Path) -> CellMoments | None:
     """Return the label times of a cell; None unless it has scores."""
     if cell.score is None:
         return None
-    asked = cell.requests_by_label()
-    judged = zip(cell.labels.labels, cell.score.details.judgements, strict=True)
+    requests = cell.requests_by_label()
+    judgements = zip(cell.labels.labels, cell.score.details.judgements, strict=True)
     return CellMoments(
         cell,
         out,
         tuple(
-            _moment(cell, label, judgement, asked.get(label.t_s, {})) for label, judgement in judged
+            _moment(cell, label, judgement, requests.get(label.t_s, {}))
+            for label, judgement in judgements
         ),
     )
 

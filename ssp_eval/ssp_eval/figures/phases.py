@@ -246,9 +246,9 @@ def write_phase_frames(
     Raises:
         InputError: a frame isn't as the campaign left it, or the folder can't be written.
     """
-    told = [cell_moments(cell, campaign) for cell in cells if not cell.is_control]
+    stories = [cell_moments(cell, campaign) for cell in cells if not cell.is_control]
     groups: dict[tuple[str, str], list[CellMoments]] = {}
-    for story in (one for one in told if one is not None):
+    for story in (one for one in stories if one is not None):
         groups.setdefault((story.cell.scenario, story.cell.model), []).append(story)
     count = sum(map(len, groups.values()))
     if limit and count > MOST_CELLS:

@@ -42,10 +42,10 @@ def project(
             *mount_turn,
         ),
     )
-    seen = camera.project(view, [(x_m, y_m, 0.0) for x_m, y_m in points_m])
+    pixels = camera.project(view, [(x_m, y_m, 0.0) for x_m, y_m in points_m])
     return [
         None if depth_m < _NEAREST_M else (float(u_px), float(v_px))
-        for u_px, v_px, depth_m in zip(seen.u_px, seen.v_px, seen.depth_m, strict=True)
+        for u_px, v_px, depth_m in zip(pixels.u_px, pixels.v_px, pixels.depth_m, strict=True)
     ]
 
 
@@ -94,17 +94,17 @@ def ribbon(
     count = max(2, math.ceil((end_s - start_s) / _STEP_S))
     times = [start_s + (end_s - start_s) * k / count for k in range(count + 1)]
     path = [interpolate(trajectory, t_s) for t_s in times]
-    wanted: list[tuple[float, float]] = []
+    points_m: list[tuple[float, float]] = []
     for k, (x_m, y_m) in enumerate(path):
         ahead = path[min(k + 1, count)], path[max(k - 1, 0)]
         heading = math.atan2(ahead[0][1] - ahead[1][1], ahead[0][0] - ahead[1][0])
         dx_m, dy_m = -math.sin(heading) * _HALF_WIDTH_M, math.cos(heading) * _HALF_WIDTH_M
-        wanted += [(x_m + dx_m, y_m + dy_m), (x_m - dx_m, y_m - dy_m), (x_m, y_m)]
+        points_m += [(x_m + dx_m, y_m + dy_m), (x_m - dx_m, y_m - dy_m), (x_m, y_m)]
     halves = (0.5 * k for k in range(1, int(2 * end_s + 1e-6) + 1))
-    wanted += [interpolate(trajectory, min(t_s, end_s)) for t_s in halves if t_s >= start_s]
+    points_m += [interpolate(trajectory, min(t_s, end_s)) for t_s in halves if t_s >= start_s]
     # All at once: the camera is the same for all of them.
-    seen = project(wanted, geometry, mount_forward_m, mount_turn)
-    borders, spots = seen[: 3 * len(path)], seen[3 * len(path) :]
+    pixels = project(points_m, geometry, mount_forward_m, mount_turn)
+    borders, spots = pixels[: 3 * len(path)], pixels[3 * len(path) :]
     left, right, middle = [], [], []
     for one, other, between in zip(borders[::3], borders[1::3], borders[2::3], strict=True):
         if one and other and between:
@@ -127,14 +127,16 @@ def overlay(
 
     Args: see ribbon.
     """
-    found = ribbon(trajectory, geometry, mount_forward_m, mount_turn)
-    if found is None or geometry is None:
+    path_ribbon = ribbon(trajectory, geometry, mount_forward_m, mount_turn)
+    if path_ribbon is None or geometry is None:
         return ""
     radius = geometry["width_px"] / 160
-    dots = [pages.element("circle", cx=x, cy=y, r=radius) for x, y in found.dots]
-    surface = pages.element("polygon", points=pages.points(list(found.outline)), class_="ribbon")
-    line = pages.element("polyline", points=pages.points(list(found.middle)), class_="path")
-    body = (surface + line if len(found.middle) >= 2 else "") + "".join(dots)
+    dots = [pages.element("circle", cx=x, cy=y, r=radius) for x, y in path_ribbon.dots]
+    surface = pages.element(
+        "polygon", points=pages.points(list(path_ribbon.outline)), class_="ribbon"
+    )
+    line = pages.element("polyline", points=pages.points(list(path_ribbon.middle)), class_="path")
+    body = (surface + line if len(path_ribbon.middle) >= 2 else "") + "".join(dots)
     box = f"0 0 {geometry['width_px']} {geometry['height_px']}"
     # The view from above says the same to those who don't see it.
     return pages.element(

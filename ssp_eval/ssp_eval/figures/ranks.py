@@ -42,10 +42,10 @@ _UP, _DOWN, _OTHER, _SAME = ("-", BLUE), ("--", RED), ("-.", INK), (":", GREY)
 
 def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
     """Return IVCS of every model or domain per scenario, with the macro average in the middle."""
-    found = ranking(scores.cells, subject)
+    standings = ranking(scores.cells, subject)
     groups = scores.by_domain if subject == "domain" else scores.by_model
     per_scenario = scores.by_scenario_domain if subject == "domain" else scores.by_scenario_model
-    scenarios = sorted(found.scenarios)
+    scenarios = sorted(standings.scenarios)
     if len(groups) < 2 or len(scenarios) < 2:
         return LeftOut(name, f"ranks change among two scenarios and two {subject}s at least")
     if len(groups) > MOST:
@@ -62,12 +62,12 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
         for one, group in groups.items()
     }
     ranks = {
-        one: [(found.macro if c is None else found.scenarios[c]).get(one) for c in columns]
+        one: [(standings.macro if c is None else standings.scenarios[c]).get(one) for c in columns]
         for one in groups
     }
     looks = DOMAIN_LOOKS if subject == "domain" else {}
     blind = _blind(scores, subject, columns)
-    changed = {c.subject for c in found.changes}
+    changed = {c.subject for c in standings.changes}
     below = scores.below("scenario", subject) | scores.below(subject)
     sheet, names = _draw(columns, values, ranks, changed, looks, blind, below)
     admission = "admitted cells" if subject == "domain" else "cells"
@@ -78,11 +78,11 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
         caption(
             f"IVCS by {subject} per scenario and over all of them (macro average), unweighted "
             f"means over {admission}; # stands before a rank, beside it the score. The large open "
-            f"marks in the middle are the macro averages: {_macro(groups, found)}.",
+            f"marks in the middle are the macro averages: {_macro(groups, standings)}.",
             f"Cells: {counts}.",
             "A solid line ends on a better rank than it began, a dashed one on a worse, a dash-dot "
             "one changes its rank in between only, a dotted one never.",
-            _changes(found, scenarios),
+            _changes(standings, scenarios),
             scores.constant_text(
                 "The faint dash-dot lines, one for each domain"
                 if subject == "domain"
@@ -120,28 +120,32 @@ def _blind(
     }
 
 
-def _macro(groups: Mapping[str, Group], found: Ranking) -> str:
+def _macro(groups: Mapping[str, Group], standings: Ranking) -> str:
     return ", ".join(
-        f"{one} {shown_mean(group['ivcs'].value, 3)} (#{found.macro[one]})"
+        f"{one} {shown_mean(group['ivcs'].value, 3)} (#{standings.macro[one]})"
         for one, group in groups.items()
     )
 
 
-def _changes(found: Ranking, scenarios: Sequence[str]) -> str:
+def _changes(standings: Ranking, scenarios: Sequence[str]) -> str:
     """Return a sentence that points out every line whose rank isn't the same in all scenarios."""
-    changed = dict.fromkeys(change.subject for change in found.changes)
+    changed = dict.fromkeys(change.subject for change in standings.changes)
     if not changed:
         return "No rank changes between scenarios."
-    ranks = {one: [found.scenarios[s].get(one) for s in scenarios] for one in changed}
+    ranks = {one: [standings.scenarios[s].get(one) for s in scenarios] for one in changed}
     if len(scenarios) > _MOST_LISTED:
-        known = {one: [rank for rank in line if rank is not None] for one, line in ranks.items()}
-        told = "; ".join(f"{one} {min(line)} to {max(line)}" for one, line in known.items())
-        return f"Ranks that change between scenarios, from the best to the worst: {told}."
-    told = "; ".join(
+        scenario_ranks = {
+            one: [rank for rank in line if rank is not None] for one, line in ranks.items()
+        }
+        listing = "; ".join(
+            f"{one} {min(line)} to {max(line)}" for one, line in scenario_ranks.items()
+        )
+        return f"Ranks that change between scenarios, from the best to the worst: {listing}."
+    listing = "; ".join(
         f"{one} {', '.join('–' if rank is None else str(rank) for rank in line)}"
         for one, line in ranks.items()
     )
-    return f"Ranks that change between scenarios ({', '.join(map(words, scenarios))}): {told}."
+    return f"Ranks that change between scenarios ({', '.join(map(words, scenarios))}): {listing}."
 
 
 def _draw(
@@ -156,8 +160,8 @@ def _draw(
     plain_in, lead_in = text_width_in(f"0.88 #00{f' {MARK}' if below else ''}"), 0.24
     whole = len(columns) <= 3 and len(values) <= 12 and widest_in(map(drawable, values)) <= 1.0
     names = names_in(values, 1.0 if whole else 2.3)
-    shown = {one: f"{name} {MARK}" if (one,) in below else name for one, name in names.items()}
-    named_in = widest_in(shown.values()) + plain_in + text_width_in(" ") + lead_in
+    labels = {one: f"{name} {MARK}" if (one,) in below else name for one, name in names.items()}
+    named_in = widest_in(labels.values()) + plain_in + text_width_in(" ") + lead_in
     starts = {one for one, line in values.items() if line[-1] is None}
     left_in = (named_in if starts else plain_in + lead_in) + 0.05
     wide = len(columns) > 3 or COLUMN_IN - left_in - named_in < 1.2
@@ -202,10 +206,10 @@ def _draw(
     for one, line in values.items():
         style, colour = _style(ranks[one], columns, one in changed)
         colour, marker = (looks[one].colour, looks[one].marker) if one in looks else (colour, "o")
-        known = [(x, y_of(v)) for x, v in zip(xs, line, strict=True) if v is not None]
+        line_points = [(x, y_of(v)) for x, v in zip(xs, line, strict=True) if v is not None]
         page.plot(
-            [x for x, _ in known],
-            [y for _, y in known],
+            [x for x, _ in line_points],
+            [y for _, y in line_points],
             style,
             color=colour,
             marker=marker,
@@ -235,7 +239,7 @@ def _draw(
                 y_of(value),
                 _end_text(
                     side,
-                    shown[one],
+                    labels[one],
                     value,
                     ranks[one][index],
                     one in starts,
@@ -250,8 +254,8 @@ def _draw(
     page.text(left_in, sheet.height_in - 0.07 - named_below_in, scale, color=GREY)
     if named_below_in:
         mean = shown_mean(blind[CONSTANT][columns.index(None)])
-        told = f"dash-dotted: {CONSTANT}, {MACRO} {mean}"
-        page.text(left_in, sheet.height_in - 0.07, told, color=RED)
+        note = f"dash-dotted: {CONSTANT}, {MACRO} {mean}"
+        page.text(left_in, sheet.height_in - 0.07, note, color=RED)
     return sheet, names
 
 
@@ -270,10 +274,12 @@ def _style(
 ) -> tuple[str, str]:
     if not changed:
         return _SAME
-    known = [r for r, column in zip(ranks, columns, strict=True) if column and r is not None]
-    if known[-1] == known[0]:
+    scenario_ranks = [
+        r for r, column in zip(ranks, columns, strict=True) if column and r is not None
+    ]
+    if scenario_ranks[-1] == scenario_ranks[0]:
         return _OTHER
-    return _UP if known[-1] < known[0] else _DOWN
+    return _UP if scenario_ranks[-1] < scenario_ranks[0] else _DOWN
 
 
 def _end_text(
@@ -294,8 +300,8 @@ def _end_labels(
     bounds: tuple[float, float],
 ) -> None:
     """Draw the texts at one end, moved apart and led to their points."""
-    wanted = [y for y, _ in ends.values()]
-    places = spread(wanted, LINE_IN - 0.02, *bounds)
+    point_ys = [y for y, _ in ends.values()]
+    places = spread(point_ys, LINE_IN - 0.02, *bounds)
     for (one, (y, text)), at in zip(ends.items(), places, strict=True):
         page.plot([x + side * 0.05, x + side * 0.16], [y, at], color=GREY, linewidth=0.4)
         page.text(

@@ -73,8 +73,8 @@ class Scores:
     @cached_property
     def by_domain(self) -> dict[str, Group]:
         """Means per domain, over admitted cells."""
-        found = {domain: group for (domain,), group in means(self.cells, BY_DOMAIN).items()}
-        return {domain: found[domain] for domain in sorted(found, key=domain_order)}
+        groups = {domain: group for (domain,), group in means(self.cells, BY_DOMAIN).items()}
+        return {domain: groups[domain] for domain in sorted(groups, key=domain_order)}
 
     @cached_property
     def by_scenario_domain(self) -> dict[tuple[str, str], Group]:
@@ -89,9 +89,9 @@ class Scores:
     @cached_property
     def by_model(self) -> dict[str, Group]:
         """Means per model, the best by IVCS first."""
-        found = {model: group for (model,), group in means(self.cells, BY_MODEL).items()}
-        order = sorted(found, key=lambda m: (-(found[m]["ivcs"].value or 0.0), m.casefold(), m))
-        return {model: found[model] for model in order}
+        groups = {model: group for (model,), group in means(self.cells, BY_MODEL).items()}
+        order = sorted(groups, key=lambda m: (-(groups[m]["ivcs"].value or 0.0), m.casefold(), m))
+        return {model: groups[model] for model in order}
 
     @cached_property
     def constants(self) -> dict[Place, Cell]:
@@ -100,13 +100,15 @@ class Scores:
 
     def constant(self, *by: str) -> dict[tuple[str, ...], float | None]:
         """Return the constant's mean IVCS over the same cells as each group's."""
-        found = constant_means(self.cells, self.constants, by)
-        return {key: mean.value for key, mean in found.items()}
+        group_means = constant_means(self.cells, self.constants, by)
+        return {key: mean.value for key, mean in group_means.items()}
 
     def is_below(self, row: CellRow) -> bool:
         """Tell whether a model scores less on a recording than its best blind constant."""
-        found = self.constants.get((row.scenario, row.domain))
-        return found is not None and not row.control and is_below(row.ivcs, found.score["ivcs"])
+        constant = self.constants.get((row.scenario, row.domain))
+        return (
+            constant is not None and not row.control and is_below(row.ivcs, constant.score["ivcs"])
+        )
 
     def below(self, *by: str) -> frozenset[tuple[str, ...]]:
         """Return groups whose mean IVCS is less than the constant's over the same cells."""
@@ -122,16 +124,16 @@ class Scores:
         """Scenario and domain of the cells that enter means."""
         return frozenset((cell.scenario, cell.domain) for cell in self.cells)
 
-    def constant_text(self, drawn: str) -> str:
+    def constant_text(self, look: str) -> str:
         """Return a sentence of the line that is drawn of the constant; empty where there is none.
 
         Args:
-            drawn: how it looks.
+            look: how it looks.
         """
         if not self.constants:
             return ""
         return (
-            f"{drawn}: the {CONSTANT}, the one answer of each scenario that scores most over its "
+            f"{look}: the {CONSTANT}, the one answer of each scenario that scores most over its "
             f"recordings without looking; it has no rank. {MARK}: {BELOW}."
         )
 

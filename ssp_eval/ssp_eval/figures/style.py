@@ -184,8 +184,8 @@ def _drawable() -> frozenset[int]:
 
 def drawable(text: str) -> str:
     """Return the text on one line, with ``?`` for characters that the font lacks."""
-    known = _drawable()
-    return "".join(c if c.isprintable() and ord(c) in known else "?" for c in text)
+    code_points = _drawable()
+    return "".join(c if c.isprintable() and ord(c) in code_points else "?" for c in text)
 
 
 def row_width_in(names: Iterable[str]) -> float:
@@ -233,13 +233,13 @@ def names_in(names: Iterable[str], most_in: float) -> dict[str, str]:
     their beginning.
     """
     names = list(names)
-    shown = {name: _with_condition(name, most_in) for name in names}
-    if len(set(shown.values())) == len(names):
-        return shown
+    short_names = {name: _with_condition(name, most_in) for name in names}
+    if len(set(short_names.values())) == len(names):
+        return short_names
     for head in (1.0, 0.0):
-        shown = {name: fitted(name, most_in, head=head) for name in names}
-        if len(set(shown.values())) == len(names):
-            return shown
+        short_names = {name: fitted(name, most_in, head=head) for name in names}
+        if len(set(short_names.values())) == len(names):
+            return short_names
     used: set[str] = set()
     for name in names:
         text, number = fitted(name, most_in), 2
@@ -248,8 +248,8 @@ def names_in(names: Iterable[str], most_in: float) -> dict[str, str]:
             text = fitted(name, most_in - text_width_in(mark)) + mark
             number += 1
         used.add(text)
-        shown[name] = text
-    return shown
+        short_names[name] = text
+    return short_names
 
 
 _LINE_IN, _BOX_IN = 0.15, 0.09
@@ -365,7 +365,7 @@ def caption(*sentences: str, composite: bool = True) -> str:
 
 def renamed(names: dict[str, str]) -> str:
     """Name the shortened names, as a sentence for the caption."""
-    pairs = [f"{shown} is {name}" for name, shown in names.items() if shown != name]
+    pairs = [f"{short_name} is {name}" for name, short_name in names.items() if short_name != name]
     return f"Shortened names: {'; '.join(pairs)}." if pairs else ""
 
 

@@ -68,8 +68,8 @@ def write_figures(
             remedy=f"name one of {', '.join(scores.by_model) or 'none, since there is no score'}",
         )
     make_folder(out)
-    told = caption_text(scores.rows)
-    return written_drawings(_drawings(scores, reference, only), out, progress, told)
+    ending = caption_text(scores.rows)
+    return written_drawings(_drawings(scores, reference, only), out, progress, ending)
 
 
 def _drawings(
@@ -80,14 +80,14 @@ def _drawings(
     from ssp_eval.figures.matrix import matrix
     from ssp_eval.figures.models import models
 
-    wanted = only or GROUPS
-    if "matrix" in wanted:
+    groups = only or GROUPS
+    if "matrix" in groups:
         yield from matrix(scores, whole="matrix" in only)
-    if "domains" in wanted:
+    if "domains" in groups:
         yield from domains(scores)
-    if "models" in wanted:
+    if "models" in groups:
         yield from models(scores, reference)
-    if "foundation" in wanted:
+    if "foundation" in groups:
         yield from foundation(scores)
 
 
@@ -95,7 +95,7 @@ def written_drawings(
     drawings: Iterable[Drawing | LeftOut],
     out: Path,
     progress: Callable[[str], None],
-    told: str = "",
+    ending: str = "",
 ) -> FiguresOutcome:
     """Write drawings one by one, so that only one is in memory.
 
@@ -103,7 +103,7 @@ def written_drawings(
         drawings: and what can't be drawn.
         out: folder of the files, which exists.
         progress: called with a figure's name once it is written.
-        told: sentence that ends each caption; empty: none.
+        ending: sentence that ends each caption; empty: none.
     """
     from ssp_eval.figures.style import LeftOut, drawing
 
@@ -124,6 +124,6 @@ def written_drawings(
                     data = data.replace(b"<svg ", b'<svg role="img" ', 1)
                 write_bytes(files[-1], data)
             files.append(out / f"{item.name}.txt")
-            write_text(files[-1], f"{item.caption.rstrip()} {told}".rstrip() + "\n")
+            write_text(files[-1], f"{item.caption.rstrip()} {ending}".rstrip() + "\n")
             progress(item.name)
     return FiguresOutcome(tuple(files), tuple(left_out))

@@ -80,7 +80,7 @@ def unstated_axes(
         topics: poses by id.
         stated: axes by id.
     """
-    found = []
+    findings = []
     for name, poses in topics.items():
         frames = (poses.frame_id, poses.child_frame_id)
         if name in stated or poses.frame_id == DATUM_FRAME:
@@ -88,7 +88,7 @@ def unstated_axes(
         for frame in frames:
             words = {word.lower() for word in _WORD.findall(frame)}
             if not words.isdisjoint(_DOWNWARD):
-                found.append(
+                findings.append(
                     Finding(
                         "axes",
                         f"its frame is named {frame!r}, as if its axes led downwards; taken as "
@@ -102,7 +102,7 @@ def unstated_axes(
                     )
                 )
                 break
-    return found
+    return findings
 
 
 def with_axes(poses: Poses, axes: Axes | None, twist_in_parent: bool | None) -> Poses:

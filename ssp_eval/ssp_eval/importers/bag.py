@@ -130,7 +130,7 @@ def import_bag(
     options.clip.check_ids(ids)
     findings = Findings(options.clip.accepted)
     with findings.listed(options.bag), SourceBag(options.bag) as bag:
-        for topic, types in _asked(options):
+        for topic, types in _topic_types(options):
             with findings.noted("topics"):
                 bag.check_topic(topic, types)
                 if types is not IMAGES:  # whose layout is known
@@ -138,8 +138,8 @@ def import_bag(
         findings.need()
         with findings.noted("crop"):
             recorded = bag.times(options.camera)
-            shown, leapt = _settled(options, recorded)
-            span = _span(options, shown)
+            frame_times, leapt = _settled(options, recorded)
+            span = _span(options, frame_times)
         findings.need()
         of_topics = read_poses(
             bag,
@@ -157,26 +157,26 @@ def import_bag(
             for name, one in poses.items()
         }
         notes = list[str]()
-        times = [*(p.times for p in poses.values()), span.within(shown)]
+        times = [*(p.times for p in poses.values()), span.within(frame_times)]
         notes += check_clocks(options.bag, options.clock, times, findings)
         for error in _frame_errors(options, poses):
             findings.note("frames", error)
         findings.need()
         with findings.noted("crop"):
-            clip = _clip(options, shown.on(options.clock), poses[VUT_ID], span)
+            clip = _clip(options, frame_times.on(options.clock), poses[VUT_ID], span)
         findings.need()
-        notes += _leaps(options, clip, leapt, shown.on(options.clock), findings)
+        notes += _leaps(options, clip, leapt, frame_times.on(options.clock), findings)
         tracks = list[Track]()
         for name in ids:
             with findings.noted("states"):
                 tracks.append(_track(options, name, poses[name], clip, findings))
         findings.need()
         for pose, track in zip(poses.values(), tracks, strict=True):
-            notes += [*pose.notes, *_said(options, pose, track), *track.notes]
+            notes += [*pose.notes, *_assumptions(options, pose, track), *track.notes]
             notes += _coverage(track, clip)
         notes += bag.files_said()
-        notes += bag.unread(_wanted(options))
-        camera = _camera_source(options, bag, clip, shown, poses[VUT_ID], tracks[0])
+        notes += bag.unread(_import_topics(options))
+        camera = _camera_source(options, bag, clip, frame_times, poses[VUT_ID], tracks[0])
         started(len(clip.kept))
         return make_bag(
             options.clip.out,
@@ -194,7 +194,7 @@ def import_bag(
         )
 
 
-def _asked(options: BagOptions) -> Iterator[tuple[str, tuple[str, ...]]]:
+def _topic_types(options: BagOptions) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield the topics that a person asked for, each with the types that it may have."""
     for topic in dict.fromkeys(topic for topic, _ in options.objects.values()):
         yield topic, POSE_TYPES
@@ -203,21 +203,21 @@ def _asked(options: BagOptions) -> Iterator[tuple[str, tuple[str, ...]]]:
         yield options.camera_info, (INFO_TYPE,)
 
 
-def _wanted(options: BagOptions) -> set[str]:
+def _import_topics(options: BagOptions) -> set[str]:
     """Give the topics that a person asked for, and those that say where the camera is."""
-    named = {topic for topic, _ in options.objects.values()} | {options.camera, TF_STATIC}
-    return named if options.camera_info is None else named | {options.camera_info}
+    topics = {topic for topic, _ in options.objects.values()} | {options.camera, TF_STATIC}
+    return topics if options.camera_info is None else topics | {options.camera_info}
 
 
 def _camera_source(
-    options: BagOptions, bag: SourceBag, clip: _Clip, shown: Times, vut: Poses, track: Track
+    options: BagOptions, bag: SourceBag, clip: _Clip, frame_times: Times, vut: Poses, track: Track
 ) -> CameraSource:
     """Gather what is said of the camera up to the clip's end."""
     info, static = None, list[Any]()
     if options.camera_info is not None:
-        info = bag.valid_at(options.camera_info, int(shown.received_ns[min(clip.kept)]))
+        info = bag.valid_at(options.camera_info, int(frame_times.received_ns[min(clip.kept)]))
         if options.mounting is None and bag.types.get(TF_STATIC) == TF_TYPE:
-            last_ns = int(shown.received_ns[max(clip.kept)])
+            last_ns = int(frame_times.received_ns[max(clip.kept)])
             for received_ns, message in bag.decoded(TF_STATIC):
                 if received_ns <= last_ns:
                     static += message.transforms
@@ -253,12 +253,12 @@ def _frame_errors(options: BagOptions, poses: Mapping[str, Poses]) -> Iterator[I
             )
 
 
-def _settled(options: BagOptions, shown: Times) -> tuple[Times, NDArray[np.bool_]]:
+def _settled(options: BagOptions, frame_times: Times) -> tuple[Times, NDArray[np.bool_]]:
     """Return the frames' times, and which are times of receipt since their stamps leap."""
     if options.clock == "receive":
-        return shown, np.zeros(len(shown.stamps_ns), dtype=bool)
-    settled = settle_stamps(shown.stamps_ns, shown.received_ns)
-    return replace(shown, stamps_ns=settled.times_ns), settled.leapt
+        return frame_times, np.zeros(len(frame_times.stamps_ns), dtype=bool)
+    settled = settle_stamps(frame_times.stamps_ns, frame_times.received_ns)
+    return replace(frame_times, stamps_ns=settled.times_ns), settled.leapt
 
 
 def _leaps(
@@ -286,13 +286,13 @@ def _leaps(
     return [f"camera: {text}; these frames take the time of receipt"]
 
 
-def _span(options: BagOptions, shown: Times) -> Span:
+def _span(options: BagOptions, frame_times: Times) -> Span:
     """Return the crop.
 
     Raises:
         InputError: it holds no frame.
     """
-    stamps_ns = shown.on(options.clock)
+    stamps_ns = frame_times.on(options.clock)
     zero_ns = int(stamps_ns[0])
     start_s, end_s = options.clip.start_s, options.clip.end_s
     low_ns = zero_ns + seconds_to_ns(start_s)
@@ -310,7 +310,7 @@ def _span(options: BagOptions, shown: Times) -> Span:
     inside = np.flatnonzero((stamps_ns >= low_ns) & (stamps_ns <= high_ns))
     of_frames = None
     if len(inside):
-        received_ns = shown.received_ns[inside]
+        received_ns = frame_times.received_ns[inside]
         of_frames = int(received_ns.min()), int(received_ns.max())
     return Span(options.clock, zero_ns, (low_ns, high_ns), of_frames)
 
@@ -356,10 +356,15 @@ def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses, span: Span) -> _Clip:
             f"camera: {int((gaps > STATE_AGE_S).sum())} gaps of more than {STATE_AGE_S:g} s, the "
             f"longest {gaps.max():.2f} s from {at_s:.2f} s of the clip on"
         )
-    kept = {int(i): int(stamps_ns[i]) for i in inside[thinned.places]}
+    stamps_by_place = {int(i): int(stamps_ns[i]) for i in inside[thinned.places]}
     crop_s = tuple(ns_to_seconds(ns - zero_ns) for ns in (int(times[0]), int(times[-1])))
     return _Clip(
-        inside, kept, thinned.keep_every, thinned.rate_hz, (crop_s[0], crop_s[1]), tuple(notes)
+        inside,
+        stamps_by_place,
+        thinned.keep_every,
+        thinned.rate_hz,
+        (crop_s[0], crop_s[1]),
+        tuple(notes),
     )
 
 
@@ -372,7 +377,7 @@ def _track(options: BagOptions, name: str, poses: Poses, clip: _Clip, findings: 
     return make_track(poses.samples.taken(np.flatnonzero(inside)), body, findings)
 
 
-def _said(options: BagOptions, poses: Poses, track: Track) -> list[str]:
+def _assumptions(options: BagOptions, poses: Poses, track: Track) -> list[str]:
     """List the assumptions about an object's frames."""
     name = track.body.object_id
     if {name, ALL} & set(options.clip.motion.references):
@@ -406,18 +411,18 @@ class _Camera:
     recorded: Times
     leapt: NDArray[np.bool_]
 
-    def frames(self, kept: Mapping[int, int]) -> Iterator[tuple[int, bytes]]:
+    def frames(self, stamps_by_place: Mapping[int, int]) -> Iterator[tuple[int, bytes]]:
         """Yield the messages that are kept, each with its own stamp, on the clock of the import.
 
         Args:
-            kept: settled stamps by places; they are those of frames whose own ones leap.
+            stamps_by_place: settled stamps; they are those of frames whose own ones leap.
 
         Raises:
             InputError: a message isn't the one that stood there before.
         """
         topic, recorded = self.options.camera, self.recorded
         for place, (received_ns, data) in enumerate(self.bag.raw(topic)):
-            if place not in kept:
+            if place not in stamps_by_place:
                 continue
             own_ns = self.bag.stamp_ns(topic, received_ns, data)
             before = int(recorded.stamps_ns[place]), int(recorded.received_ns[place])
@@ -430,7 +435,7 @@ class _Camera:
                     remedy="let nothing write to the bag during the import",
                 )
             if self.leapt[place]:
-                own_ns = kept[place]
+                own_ns = stamps_by_place[place]
             yield received_ns if self.options.clock == "receive" else own_ns, data
 
 
@@ -456,18 +461,18 @@ def _write(
         has_lens=options.camera_info is not None,
     )
     notes = [*notes, *clip.notes]
-    count = written = 0
+    count = picture_count = 0
     for stamp_ns, data in source.frames(clip.kept):
         count += 1
-        shown = intake.take(stamp_ns, kind, data)
-        if shown is not None:
-            if not written and intake.describes_lens:
+        picture = intake.take(stamp_ns, kind, data)
+        if picture is not None:
+            if not picture_count and intake.describes_lens:
                 with findings.noted("camera"):
                     camera, more = source_camera.facts(intake.frame_id, intake.size_px, findings)
                     notes += more
                     camera.write(writer, stamp_ns)
-            written += 1
-            writer.write(IMAGE, encode_frame(stamp_ns, shown), stamp_ns, stamp_ns, count)
+            picture_count += 1
+            writer.write(IMAGE, encode_frame(stamp_ns, picture), stamp_ns, stamp_ns, count)
         advance(1)
     if count < len(clip.kept):
         raise InputError(

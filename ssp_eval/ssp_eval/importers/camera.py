@@ -183,9 +183,9 @@ class CameraSource:
         if frame == self.vut_frame:
             yield before
             return
-        seen = {str(step.child_frame_id) for step in before}
+        child_frames = {str(step.child_frame_id) for step in before}
         for step in self.static:
-            if str(step.child_frame_id) == frame and frame not in seen:
+            if str(step.child_frame_id) == frame and frame not in child_frames:
                 yield from self._chains(str(step.header.frame_id), (*before, step))
 
     def _broken(self, step: Any) -> Finding | None:
@@ -262,28 +262,28 @@ def _as_recorded(info: Any, k: Sequence[float], size_px: tuple[int, int]) -> tup
 
 def _impossible(lens: Intrinsics, k: Sequence[float]) -> list[str]:
     """Say what no camera of these frames has."""
-    found = []
+    problems = []
     low, high = _MIDDLE
     across, down = lens.cx_px / lens.width_px, lens.cy_px / lens.height_px
     size = f"{lens.width_px}x{lens.height_px} px"
     # K of half the resolution has it just at the edge.
     if not (low < across < high and low < down < high):
-        found.append(
+        problems.append(
             f"has the principal point ({lens.cx_px:g}, {lens.cy_px:g}), outside of the middle half "
             f"of {size}: K of another resolution?"
         )
     if abs(lens.fx_px - lens.fy_px) > _FOCAL_SHARE * max(lens.fx_px, lens.fy_px):
-        found.append(f"has fx {lens.fx_px:g} and fy {lens.fy_px:g} px, more than a tenth apart")
+        problems.append(f"has fx {lens.fx_px:g} and fy {lens.fy_px:g} px, more than a tenth apart")
     if list(k[6:]) != [0.0, 0.0, 1.0]:
-        found.append("has a last row that isn't 0 0 1")
+        problems.append("has a last row that isn't 0 0 1")
     view_deg = math.degrees(2.0 * math.atan(lens.width_px / 2.0 / lens.fx_px))
     least, most = _FIELD_OF_VIEW_DEG
     if not least <= view_deg <= most:
-        found.append(
+        problems.append(
             f"has a field of view of {view_deg:.1f} degrees over {size} (fx {lens.fx_px:g}), "
             f"{least:g} to {most:g} can be"
         )
-    return found
+    return problems
 
 
 def _place(step: Any) -> tuple[float, float, float]:

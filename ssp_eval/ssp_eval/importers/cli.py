@@ -126,11 +126,11 @@ def import_video(
     finish(summary, "ssp import-video", options.accepted, json_)
 
 
-def _camera(given: Mapping[str, Any]) -> Callable[[int, int], CameraFacts]:
+def _camera(arguments: Mapping[str, Any]) -> Callable[[int, int], CameraFacts]:
     """Return the camera as a person describes it, by the size of its frames, px."""
-    hfov_deg, assumed = given["hfov_deg"], given["camera_assumed"]
-    height_m, pitch_deg = given["camera_height"], given["camera_pitch_deg"]
-    forward_m = given["camera_forward"]
+    hfov_deg, assumed = arguments["hfov_deg"], arguments["camera_assumed"]
+    height_m, pitch_deg = arguments["camera_height"], arguments["camera_pitch_deg"]
+    forward_m = arguments["camera_forward"]
     if (height_m is None) != (pitch_deg is None):
         raise click.UsageError("--camera-height and --camera-pitch-deg belong together")
     if forward_m is not None and height_m is None:
@@ -263,22 +263,22 @@ def import_bag_command(
     gaps and speeds are checked; derived and assumed values are reported and kept in the recording.
     Its origin is entered into log L, <out>.log.jsonl.
     """
-    named = {VUT_ID: _topic("--vut", vut, "car")}
+    topics = {VUT_ID: _topic("--vut", vut, "car")}
     for name, text in pairs("--object", objects).items():
         if name == VUT_ID:
             raise click.UsageError(f"--object {name}=…: that is the VUT's id")
-        named[name] = _topic(f"--object {name}", text, None)
+        topics[name] = _topic(f"--object {name}", text, None)
     options = BagOptions(
         bag=bag,
         clip=import_options(target or Path(f"{bag.stem}_imported"), given),
-        objects=named,
+        objects=topics,
         camera=camera,
         camera_info=camera_info,
         mounting=None if mount is None else _mounting(mount),
         clock=clock,
         datum=None if datum is None else _datum(datum),
-        axes=_axes(axes, named),
-        twist_in_parent=_twists(twists, named),
+        axes=_axes(axes, topics),
+        twist_in_parent=_twists(twists, topics),
     )
     with progress("importing", None) as bar:
         task = bar.task_ids[0]
@@ -302,30 +302,30 @@ def _topic(option: str, text: str, default: str | None) -> tuple[str, ObjectClas
     return topic, ObjectClass.from_word(word)
 
 
-def _axes(given: tuple[str, ...], ids: Collection[str]) -> dict[str, Axes]:
+def _axes(arguments: tuple[str, ...], ids: Collection[str]) -> dict[str, Axes]:
     """Return axes by id; raises UsageError for another form, or an id that is none."""
-    found = {}
-    for name, text in _named("--axes", given, ids).items():
+    axes_by_id = {}
+    for name, text in _by_id("--axes", arguments, ids).items():
         try:
-            found[name] = Axes.of_text(text)
+            axes_by_id[name] = Axes.of_text(text)
         except ValueError as error:
             raise click.UsageError(f"--axes {name}={text}: {error}") from error
-    return found
+    return axes_by_id
 
 
-def _twists(given: tuple[str, ...], ids: Collection[str]) -> dict[str, bool]:
+def _twists(arguments: tuple[str, ...], ids: Collection[str]) -> dict[str, bool]:
     """Read by id whether twists are in the poses' frame; raises UsageError as ``_axes``."""
-    found = {}
-    for name, text in _named("--twist", given, ids).items():
+    twist_in_parent = {}
+    for name, text in _by_id("--twist", arguments, ids).items():
         if text not in ("child", "parent"):
             raise click.UsageError(f"--twist {name}={text}: give child or parent")
-        found[name] = text == "parent"
-    return found
+        twist_in_parent[name] = text == "parent"
+    return twist_in_parent
 
 
-def _named(option: str, given: tuple[str, ...], ids: Collection[str]) -> dict[str, str]:
+def _by_id(option: str, arguments: tuple[str, ...], ids: Collection[str]) -> dict[str, str]:
     """Return ID=VALUE options by id, `all` for those that aren't named."""
-    stated = pairs(option, given)
+    stated = pairs(option, arguments)
     common = stated.pop(ALL, None)
     for name in stated:
         if name not in ids:

@@ -39,8 +39,8 @@ class Times:
     @property
     def delay_s(self) -> NDArray[np.float64]:
         """Compute the delays from stamp to receipt, in s."""
-        found: NDArray[np.float64] = (self.received_ns - self.stamps_ns) / NS_PER_S
-        return found
+        delays_s: NDArray[np.float64] = (self.received_ns - self.stamps_ns) / NS_PER_S
+        return delays_s
 
 
 def check_clocks(
@@ -116,10 +116,10 @@ def _most_agreed(topics: Sequence[Times]) -> Times | None:
     """Give the topic whose clock most topics have; None: there is none."""
 
     def others(one: Times) -> int:
-        found = [_apart(other, one) for other in topics]
+        offsets = [_apart(other, one) for other in topics]
         return sum(
             apart is not None and abs(apart[0]) <= APART_S and abs(apart[1]) <= DRIFT_S
-            for apart in found
+            for apart in offsets
         )
 
     return max(topics, key=others, default=None)
@@ -148,8 +148,8 @@ def _later_s(other: Times, first: Times) -> NDArray[np.float64]:
     both = (other.received_ns >= low) & (other.received_ns <= high)
     received_s = (other.received_ns[both] - low) / NS_PER_S
     beside = np.interp(received_s, (first.received_ns - low) / NS_PER_S, first.delay_s)
-    found: NDArray[np.float64] = other.delay_s[both] - beside
-    return found
+    lags_s: NDArray[np.float64] = other.delay_s[both] - beside
+    return lags_s
 
 
 def _stamp_errors(file: Path, times: Times) -> Iterator[InputError]:

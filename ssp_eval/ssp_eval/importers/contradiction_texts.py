@@ -140,5 +140,5 @@ _FACTORS = {
 
 
 def _unit_hint(factors: tuple[float, float] | None) -> str:
-    found = () if factors is None else known_factors(*factors, _FACTORS)[0]
-    return f": {either(found)}?" if found else ": another run's, or another time base?"
+    units = () if factors is None else known_factors(*factors, _FACTORS)[0]
+    return f": {either(units)}?" if units else ": another run's, or another time base?"

@@ -116,22 +116,24 @@ class Contradiction:
 def contradictions(course: Course) -> list[Contradiction]:
     """Give the first stretch of each kind of contradiction; of those that overlap the clearest."""
     judge = _Judge(course)
-    found: list[list[Contradiction]] = [
+    candidates: list[list[Contradiction]] = [
         judge.clock_steps(),
         judge.leaps(),
         judge.headings(),
         judge.speeds(),
         judge.sideways(),
     ]
-    kept: list[Contradiction] = []
-    for stretches in found:
-        kept += [
-            one for one in stretches if not any(_explains(course, other, one) for other in kept)
+    distinct_stretches: list[Contradiction] = []
+    for stretches in candidates:
+        distinct_stretches += [
+            one
+            for one in stretches
+            if not any(_explains(course, other, one) for other in distinct_stretches)
         ]
     firsts: dict[str, Contradiction] = {}
-    for one in kept:
+    for one in distinct_stretches:
         firsts.setdefault(one.name, one)
-    counts = {name: sum(one.name == name for one in kept) for name in firsts}
+    counts = {name: sum(one.name == name for one in distinct_stretches) for name in firsts}
     return [replace(one, stretches=counts[one.name]) for one in firsts.values()]
 
 
@@ -211,19 +213,21 @@ class _Judge:
     def _mean(self, integral: FloatArray, first: Ints, last: Ints, delay_s: float) -> FloatArray:
         """Give the mean of a column over windows, older by a delay; its ends are carried on."""
         begin, end = self._t[first], self._t[last]
-        found: FloatArray = (integral[last] - integral[first]) / (end - begin)
+        means: FloatArray = (integral[last] - integral[first]) / (end - begin)
         if delay_s != 0.0:
             late = self._at(integral, end - delay_s) - self._at(integral, begin - delay_s)
-            found = late / (end - begin)
-        return found
+            means = late / (end - begin)
+        return means
 
     def _at(self, integral: FloatArray, t_s: FloatArray) -> FloatArray:
         """Give an integral between two samples, or beyond the first or last one."""
         t = self._t
-        found: FloatArray = np.interp(t_s, t, integral)
+        integrals: FloatArray = np.interp(t_s, t, integral)
         rates = np.diff(integral[[0, 1, -2, -1]])[[0, 2]] / np.diff(t[[0, 1, -2, -1]])[[0, 2]]
-        found += rates[0] * np.minimum(t_s - t[0], 0.0) + rates[1] * np.maximum(t_s - t[-1], 0.0)
-        return found
+        integrals += rates[0] * np.minimum(t_s - t[0], 0.0) + rates[1] * np.maximum(
+            t_s - t[-1], 0.0
+        )
+        return integrals
 
     def _delay(self, off: Callable[[float], Bools]) -> float:
         """Give the one delay that explains nearly all windows that are off; 0: none does."""
@@ -259,7 +263,7 @@ class _Judge:
         excess = np.abs(np.abs(stated) - way)
         off = excess > bound
         moves = np.maximum(np.abs(stated), way) > SPEED_MPS
-        found = self._stretches(
+        stretches = self._stretches(
             "speed",
             off,
             self._first,
@@ -270,17 +274,17 @@ class _Judge:
             is_whole=_share(off[moves]) > _WHOLE_SHARE,
             off_at=self._sample_speed_off(),
         )
-        factors = self._speed_factors(moves) if found else None
-        return [replace(one, factors=factors) if one.is_whole else one for one in found]
+        factors = self._speed_factors(moves) if stretches else None
+        return [replace(one, factors=factors) if one.is_whole else one for one in stretches]
 
     def _speed_factors(self, moves: Bools) -> tuple[float, float] | None:
         """Give the range of stated speeds to the way, all in all, with each delay that may be."""
-        found = []
+        ratios = []
         for delay_s in DELAYS_S:
             stated, way, _ = self._speed_window(delay_s)
             if (whole := float(way[moves].sum())) > 0.0:
-                found.append(float(np.abs(stated[moves]).sum()) / whole)
-        return (min(found), max(found)) if found else None
+                ratios.append(float(np.abs(stated[moves]).sum()) / whole)
+        return (min(ratios), max(ratios)) if ratios else None
 
     def _sample_speed_off(self) -> Bools:
         """Say of each sample whether its speed contradicts the way to the next one."""
@@ -296,8 +300,8 @@ class _Judge:
 
     def _directions(self) -> tuple[Ints, Ints]:
         """Give the windows whose way is long enough to say where the object goes."""
-        found: list[tuple[Ints, Ints]] = []
-        done = np.zeros(len(self._t), dtype=bool)
+        windows: list[tuple[Ints, Ints]] = []
+        has_window = np.zeros(len(self._t), dtype=bool)
         for length_s in (WINDOW_S, _LONGEST_S):
             first, last = self._windows(length_s)
             span, chord = self._chord(first, last)
@@ -308,11 +312,11 @@ class _Judge:
             if self._odo is not None:
                 stated = self._mean(self._odo, first, last, self._speed_delay_s)
                 tells &= np.abs(stated) >= SPEED_MPS
-            tells &= ~done[last]
-            done[last[tells]] = True
-            found.append((first[tells], last[tells]))
-        first = np.concatenate([one for one, _ in found])
-        last = np.concatenate([other for _, other in found])
+            tells &= ~has_window[last]
+            has_window[last[tells]] = True
+            windows.append((first[tells], last[tells]))
+        first = np.concatenate([one for one, _ in windows])
+        last = np.concatenate([other for _, other in windows])
         order = np.argsort(last, kind="stable")
         return first[order], last[order]
 
@@ -342,8 +346,8 @@ class _Judge:
         bound = self._direction_bound(first, last)
 
         def off(delay_s: float) -> Bools:
-            found: Bools = np.abs(self._turned(first, last, delay_s)) > bound
-            return found
+            mask: Bools = np.abs(self._turned(first, last, delay_s)) > bound
+            return mask
 
         def any_off(delay_s: float) -> Bools:
             return off(delay_s) | self._sideways_off(first, last, delay_s)[0]
@@ -490,7 +494,7 @@ class _Judge:
         off_at: Bools | None = None,
     ) -> list[Contradiction]:
         """Join windows that are off and overlap; their ends are where single samples agree."""
-        found: list[Contradiction] = []
+        stretches: list[Contradiction] = []
         group: list[int] = []
         for i in [*np.flatnonzero(off).tolist(), -1]:
             if group and (i < 0 or first[i] > last[group[-1]]):
@@ -498,7 +502,7 @@ class _Judge:
                 order = np.argsort(excess[group], kind="stable")
                 worst = group[int(order[len(order) // 2 if is_whole else -1])]
                 a, b = self._ends(int(first[group[0]]), int(last[group[-1]]), off_at)
-                found.append(
+                stretches.append(
                     Contradiction(
                         name,
                         a,
@@ -512,7 +516,7 @@ class _Judge:
                 )
                 group = []
             group.append(i)
-        return found
+        return stretches
 
     def _ends(self, first: int, last: int, off_at: Bools | None) -> tuple[int, int]:
         if off_at is None or not off_at[first : last + 1].any():

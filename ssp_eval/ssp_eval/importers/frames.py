@@ -216,8 +216,8 @@ class FrameIntake:
             notes.append(f"{self._mosaics} frames are Bayer mosaics and were converted to colour")
         return notes
 
-    def _first(self, found: Sequence[tuple[int, str]]) -> tuple[str, str]:
-        stamp_ns, why = found[0]
+    def _first(self, occurrences: Sequence[tuple[int, str]]) -> tuple[str, str]:
+        stamp_ns, why = occurrences[0]
         return f"{ns_to_seconds(stamp_ns - self._zero_ns):.3f} s", why
 
     def _add(

@@ -117,13 +117,13 @@ class ImportOptions:
             UsageError: an option names an id that isn't there.
             InputError: the objects aren't those of the K*.
         """
-        for option, named in (
+        for option, option_ids in (
             ("--transform", self.motion.transforms),
             ("--reference", self.motion.references),
             ("--heading", self.motion.from_motion),
             ("--size", self.motion.sizes),
         ):
-            for name in named:
+            for name in option_ids:
                 if name not in (*ids, ALL):
                     raise click.UsageError(f"{option} {name}=…: the objects are {', '.join(ids)}")
         event = self.declared.event
@@ -136,18 +136,24 @@ class ImportOptions:
             )
 
 
-def import_options(out: Path, given: Mapping[str, Any]) -> ImportOptions:
+def import_options(out: Path, arguments: Mapping[str, Any]) -> ImportOptions:
     """Return the options of ``declaring`` and ``moving``, and those about the crop, as one.
 
     Raises:
         UsageError: one makes no sense, or what belongs together isn't given together.
         InputError: the K* can't be read.
     """
-    start_s, end_s = given["start"], given["end"]
+    start_s, end_s = arguments["start"], arguments["end"]
     if end_s is not None and start_s >= end_s:
         raise click.UsageError(f"--start {start_s:g} must lie before --end {end_s:g}")
     return ImportOptions(
-        out, start_s, end_s, given["rate"], _motion(given), _declared(given), given["accepted"]
+        out,
+        start_s,
+        end_s,
+        arguments["rate"],
+        _motion(arguments),
+        _declared(arguments),
+        arguments["accepted"],
     )
 
 
@@ -227,22 +233,22 @@ def domain_option(default: str | None) -> Option:
     )
 
 
-def _declared(given: Mapping[str, Any]) -> DeclaredFacts:
-    scenario, version, event, data = given["scenario"], given["event_version"], None, None
-    if given["event"] is not None:
+def _declared(arguments: Mapping[str, Any]) -> DeclaredFacts:
+    scenario, version, event, data = arguments["scenario"], arguments["event_version"], None, None
+    if arguments["event"] is not None:
         if scenario is not None or version is not None:
             raise click.UsageError("--event gives --scenario and --event-version by itself")
-        event, version = load_event(given["event"])
-        scenario, data = event.name, read_event_file(given["event"])[1].read_bytes()
+        event, version = load_event(arguments["event"])
+        scenario, data = event.name, read_event_file(arguments["event"])[1].read_bytes()
     return DeclaredFacts(
-        given["domain"],
+        arguments["domain"],
         scenario,
         version,
         event,
         data,
-        given["generator"],
-        _declaration(given["declared_by"], given["declared_on"], given["place"]),
-        _log(given),
+        arguments["generator"],
+        _declaration(arguments["declared_by"], arguments["declared_on"], arguments["place"]),
+        _log(arguments),
     )
 
 
@@ -273,10 +279,10 @@ def _declaration(
     )
 
 
-def _log(given: Mapping[str, Any]) -> LogDeclaration | None:
+def _log(arguments: Mapping[str, Any]) -> LogDeclaration | None:
     names = ("log_by", "safety_abort", "identity_switch", "site_changes")
-    by, abort, switch, changes = needed = [given[name] for name in names]
-    if not any((*needed, given["log_on"])):
+    by, abort, switch, changes = needed = [arguments[name] for name in names]
+    if not any((*needed, arguments["log_on"])):
         return None
     if not all(needed):
         raise click.UsageError(
@@ -287,7 +293,7 @@ def _log(given: Mapping[str, Any]) -> LogDeclaration | None:
         raise click.UsageError("--site-change none stands alone")
     return LogDeclaration(
         by=_text("--log-by", by),
-        on=_today() if given["log_on"] is None else given["log_on"].date(),
+        on=_today() if arguments["log_on"] is None else arguments["log_on"].date(),
         safety_abort=abort == "yes",
         identity_switch=switch == "yes",
         site_changes=[] if changes == ("none",) else [_text("--site-change", c) for c in changes],
@@ -323,36 +329,42 @@ moving = adding(
 )
 
 
-def _motion(given: Mapping[str, Any]) -> MotionOptions:
-    if given["block"] is not None and given["site"] is None:
+def _motion(arguments: Mapping[str, Any]) -> MotionOptions:
+    if arguments["block"] is not None and arguments["site"] is None:
         raise click.UsageError("--block is of no use without --site")
-    headings = pairs("--heading", given["headings"])
+    headings = pairs("--heading", arguments["headings"])
     for name, what in headings.items():
         if what != "motion":
             raise click.UsageError(f"--heading {name}={what}: it can only be taken from `motion`")
     return MotionOptions(
-        {name: _rigid(text) for name, text in pairs("--transform", given["transforms"]).items()},
-        {name: _point(text) for name, text in pairs("--reference", given["references"]).items()},
+        {
+            name: _rigid(text)
+            for name, text in pairs("--transform", arguments["transforms"]).items()
+        },
+        {
+            name: _point(text)
+            for name, text in pairs("--reference", arguments["references"]).items()
+        },
         frozenset(headings),
-        {name: _size(text) for name, text in pairs("--size", given.get("sizes", ())).items()},
-        given["site"],
-        given["block"],
+        {name: _size(text) for name, text in pairs("--size", arguments.get("sizes", ())).items()},
+        arguments["site"],
+        arguments["block"],
     )
 
 
-def pairs(option: str, given: tuple[str, ...]) -> dict[str, str]:
+def pairs(option: str, arguments: tuple[str, ...]) -> dict[str, str]:
     """Return ID=VALUE options by id; raises UsageError for another form, or an id twice."""
-    found: dict[str, str] = {}
-    for text in given:
+    values_by_id: dict[str, str] = {}
+    for text in arguments:
         name, sign, value = text.partition("=")
         if not sign or not _ID.fullmatch(name) or not value:
             raise click.UsageError(
                 f"{option} {text}: give ID=VALUE, ID of a-z, 0-9 and _, such as ot1"
             )
-        if name in found:
+        if name in values_by_id:
             raise click.UsageError(f"{option} names {name} twice")
-        found[name] = value
-    return found
+        values_by_id[name] = value
+    return values_by_id
 
 
 def numbers(option: str, text: str, names: str, least: int | None = None) -> list[float]:
@@ -369,12 +381,12 @@ def numbers(option: str, text: str, names: str, least: int | None = None) -> lis
     """
     most = names.count(",") + 1
     try:
-        found = [decimal(part) for part in text.split(",")]
+        values = [decimal(part) for part in text.split(",")]
     except ValueError:
-        found = []
-    if not (least or most) <= len(found) <= most or not all(map(math.isfinite, found)):
+        values = []
+    if not (least or most) <= len(values) <= most or not all(map(math.isfinite, values)):
         raise click.UsageError(f"{option} {text}: give {names} as numbers")
-    return found
+    return values
 
 
 def _rigid(text: str) -> Rigid:

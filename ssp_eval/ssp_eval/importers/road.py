@@ -69,11 +69,11 @@ def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
         path = find_shipped(name_or_path, "site")
     library = load_library(path)
     way = Way.of(vut)
-    chosen, notes = _chosen(library, path, block, way)
-    share = share_on(chosen, way)
+    map_block, notes = _block_and_notes(library, path, block, way)
+    share = share_on(map_block, way)
     if share < LEAST_SHARE:
         raise InputError(
-            f"{100 * share:.0f} % of the VUT's way lie on {chosen.block_id}, in its direction",
+            f"{100 * share:.0f} % of the VUT's way lie on {map_block.block_id}, in its direction",
             file=path,
             remedy=f"at least {100 * LEAST_SHARE:.0f} % are needed: cut the recording to the event "
             "with --start and --end, or name another block",
@@ -85,19 +85,19 @@ def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
             kind=library.kind,
             attachment=SITE_FILE if library.kind == "site" else _MAPS[library.kind],
             sha256=sha256_bytes(data),
-            block=chosen.block_id,
-            road=road_of(chosen, None, _junction_of(library, chosen)),
-            road_type=_known("road_type", chosen.road_type),
-            left_boundary=_known("left_boundary", chosen.left_boundary),
-            right_boundary=_known("right_boundary", chosen.right_boundary),
+            block=map_block.block_id,
+            road=road_of(map_block, None, _junction_of(library, map_block)),
+            road_type=_vocabulary_word("road_type", map_block.road_type),
+            left_boundary=_vocabulary_word("left_boundary", map_block.left_boundary),
+            right_boundary=_vocabulary_word("right_boundary", map_block.right_boundary),
         ),
         data,
         share,
-        (*chosen.notes, *notes),
+        (*map_block.notes, *notes),
     )
 
 
-def _known(field: str, word: str) -> str:
+def _vocabulary_word(field: str, word: str) -> str:
     """Return a word of the map, or that it doesn't say."""
     words = get_args(ImportedSite.model_fields[field].annotation)
     return word if word in words else "unresolved"
@@ -140,12 +140,12 @@ def _inside(block: Block, way: Way) -> tuple[NDArray[np.bool_], FloatArray]:
     return inside, l_m
 
 
-def _chosen(
+def _block_and_notes(
     library: Library, path: Path, name: str | None, way: Way
 ) -> tuple[Block, tuple[str, ...]]:
     """Return the block or route that is named, or that fits, and notes on the choice."""
     if name is not None:
-        return _named(library, path, name, way), ()
+        return _block_of_name(library, path, name, way), ()
     shares = _shares(library.blocks, way)
     best = max(shares.values(), default=0.0)
     if best <= 0.0:
@@ -164,39 +164,39 @@ def _chosen(
         nearest = min(offsets.values())
         return _only([r for r in alike if offsets[r.block_id] - nearest <= _ALIKE_M], path), ()
     alike = [b for b in library.blocks if best - shares.get(b.block_id, 0.0) <= _ALIKE]
-    chosen = _only([b for b in alike if not any(_is_part(b, other) for other in alike)], path)
+    block = _only([b for b in alike if not any(_is_part(b, other) for other in alike)], path)
     further = [r for r in routes if over[r.block_id] - best > _ALIKE]
     if not further:
-        return chosen, ()
+        return block, ()
     nearest_route = min(further, key=lambda one: (-over[one.block_id], _offset_m(one, way)))
-    told = f"{nearest_route.block_id} holds {100 * over[nearest_route.block_id]:.0f} % of the way"
-    return chosen, (f"{told}: where the event is in the junction, name it with --block",)
+    note = f"{nearest_route.block_id} holds {100 * over[nearest_route.block_id]:.0f} % of the way"
+    return block, (f"{note}: where the event is in the junction, name it with --block",)
 
 
-def _named(library: Library, path: Path, name: str, way: Way) -> Block:
-    known = {one.block_id: one for one in library.blocks}
-    if name not in known:
-        known |= {one.block_id: one for one in _routes_under(library, way)}
-    if name not in known:
+def _block_of_name(library: Library, path: Path, name: str, way: Way) -> Block:
+    blocks_by_id = {one.block_id: one for one in library.blocks}
+    if name not in blocks_by_id:
+        blocks_by_id |= {one.block_id: one for one in _routes_under(library, way)}
+    if name not in blocks_by_id:
         raise InputError(
             "is no block of this map, nor a route under the VUT's way",
             file=path,
             field="--block",
             value=name,
-            remedy=f"its blocks are {_listed(list(known))}",
+            remedy=f"its blocks are {_listed(list(blocks_by_id))}",
         )
-    return known[name]
+    return blocks_by_id[name]
 
 
-def _only(found: list[Block], path: Path) -> Block:
-    if len(found) > 1:
+def _only(blocks: list[Block], path: Path) -> Block:
+    if len(blocks) > 1:
         raise InputError(
-            f"{len(found)} blocks lie under the VUT's way alike: "
-            f"{_listed([b.block_id for b in found])}",
+            f"{len(blocks)} blocks lie under the VUT's way alike: "
+            f"{_listed([b.block_id for b in blocks])}",
             file=path,
             remedy="name one with --block",
         )
-    return found[0]
+    return blocks[0]
 
 
 def _shares(blocks: Iterable[Block], way: Way) -> dict[str, float]:
@@ -214,8 +214,10 @@ def _routes_under(library: Library, way: Way) -> list[Block]:
     library = with_lane_ends(library)
     inside = [block for block in library.blocks if block.junction is not None]
     names = {one.junction for one in inside if _near(one, way.points) and share_on(one, way) > 0.0}
-    found = [route for name in sorted(filter(None, names)) for route in routes_of(library, name)[0]]
-    return [route for route in found if _near(route, way.points)]
+    routes = [
+        route for name in sorted(filter(None, names)) for route in routes_of(library, name)[0]
+    ]
+    return [route for route in routes if _near(route, way.points)]
 
 
 def _junction_of(library: Library, block: Block) -> list[JunctionRoad]:

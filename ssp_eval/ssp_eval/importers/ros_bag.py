@@ -100,17 +100,19 @@ class _Compressed:
         self.types = {c.topic: c.msgtype for c in self._reader.connections}
 
     def raw(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
-        wanted = [c for c in self._reader.connections if c.topic in topics]
-        for connection, received_ns, data in self._reader.messages(wanted) if wanted else ():
+        connections = [c for c in self._reader.connections if c.topic in topics]
+        for connection, received_ns, data in (
+            self._reader.messages(connections) if connections else ()
+        ):
             yield connection.topic, received_ns, bytes(data)
 
     def store(self, topic: str) -> Typestore:
         for one in self._reader.connections:
             if one.topic == topic:
-                written = one.msgdef
-                encoding = _FORMATS.get(written.format, "ros2msg")
+                definition = one.msgdef
+                encoding = _FORMATS.get(definition.format, "ros2msg")
                 try:
-                    return store_from(TypeDefinition(one.msgtype, encoding, written.data))
+                    return store_from(TypeDefinition(one.msgtype, encoding, definition.data))
                 except InputError as error:
                     raise error.in_file(self._path) from None
         raise KeyError(topic)
@@ -181,34 +183,34 @@ class SourceBag(Closing):
         kinds = (".mcap", SUFFIX)
         return [name for kind in kinds for name in unlisted_files(self.path, kind)]
 
-    def unread(self, wanted: Collection[str]) -> list[str]:
-        """Say which topics beside those that are wanted couldn't be read."""
-        found = []
-        for topic in sorted(set(self.types).difference(wanted)):
+    def unread(self, topics: Collection[str]) -> list[str]:
+        """Say which topics beside these couldn't be read."""
+        notes = []
+        for topic in sorted(set(self.types).difference(topics)):
             try:
                 self._storage.store(topic)
             except InputError as error:
-                found.append(f"{topic}: can't be read and isn't needed: it {error.problem}")
-        return found
+                notes.append(f"{topic}: can't be read and isn't needed: it {error.problem}")
+        return notes
 
     def check_topic(self, topic: str, types: tuple[str, ...]) -> str:
         """Return a topic's type; raise InputError where it is missing or of another type."""
-        found = self.types.get(topic)
-        if found is None:
+        topic_type = self.types.get(topic)
+        if topic_type is None:
             like = [name for name, kind in self.types.items() if kind in types]
             remedy = f"of these types it has {', '.join(like) or 'none'}"
             if left_out := self._left_out():
                 remedy += f"; {', '.join(left_out)} isn't named by {FILE_NAME} and was left out"
             raise InputError("is no topic of this bag", file=self.path, field=topic, remedy=remedy)
-        if found not in types:
+        if topic_type not in types:
             raise InputError(
                 "has messages of another type",
                 file=self.path,
                 field=topic,
-                value=found,
+                value=topic_type,
                 remedy=f"{', '.join(types)} are read",
             )
-        return found
+        return topic_type
 
     def check_definition(self, topic: str) -> None:
         """Raise InputError where the type of a topic can't be read."""
@@ -252,12 +254,12 @@ class SourceBag(Closing):
 
     def valid_at(self, topic: str, at_ns: int) -> Any:
         """Give the newest message that was received by a time, else the first one; None: none."""
-        found = None
+        newest = None
         for received_ns, data in self.raw(topic):
-            if found is not None and received_ns > at_ns:
+            if newest is not None and received_ns > at_ns:
                 break
-            found = data
-        return None if found is None else self.decode(topic, at_ns, found)
+            newest = data
+        return None if newest is None else self.decode(topic, at_ns, newest)
 
     def stamp_ns(self, topic: str, received_ns: int, data: bytes) -> int:
         """Read the stamp of a message that begins with a header.
@@ -265,15 +267,15 @@ class SourceBag(Closing):
         Raises:
             InputError: it has none that is valid.
         """
-        found = leading_stamp_ns(data)
-        if found is None:
+        header_ns = leading_stamp_ns(data)
+        if header_ns is None:
             raise InputError(
                 f"holds a message at {received_ns} ns without a valid stamp",
                 file=self.path,
                 field=topic,
                 remedy="leave the topic out, or record it with stamps",
             )
-        return found
+        return header_ns
 
     def times(self, topic: str) -> Times:
         """Return stamps and times of receipt, nothing decoded."""
@@ -291,8 +293,8 @@ class SourceBag(Closing):
         files = [self.path]
         if self.path.is_dir():
             files = sorted(p for p in self.path.iterdir() if p.suffix in (".mcap", ".db3", ".zstd"))
-        found = [sha256_file(file) for file in files]
-        return found[0] if len(found) == 1 else sha256_json(found)
+        hashes = [sha256_file(file) for file in files]
+        return hashes[0] if len(hashes) == 1 else sha256_json(hashes)
 
     def seal(self) -> Seal:
         """Hold the bag's seal against its content.
@@ -379,11 +381,11 @@ def read_poses(
                     readings[topic].take(received_ns, data)
                 if part.has_ended:
                     del readings[topic]
-    found: dict[str, Poses] = {}
+    poses_by_topic: dict[str, Poses] = {}
     for topic, reading in readings.items():
         with findings.noted("poses"):
-            found[topic] = reading.poses()
-    return found
+            poses_by_topic[topic] = reading.poses()
+    return poses_by_topic
 
 
 class _PoseReading:
@@ -473,11 +475,11 @@ class _PoseReading:
                 "receive",
             )
         if len(self._frames) > 1:
-            shown = ", ".join(
+            frame_pairs = ", ".join(
                 sorted(f"{a or '(none)'} of {b or '(none)'}" for a, b in self._frames)[:4]
             )
             raise InputError(
-                f"changes its frames: {shown}",
+                f"changes its frames: {frame_pairs}",
                 file=path,
                 field=topic,
                 remedy="one topic must be one object in one frame",

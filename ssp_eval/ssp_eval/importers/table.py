@@ -155,7 +155,7 @@ def _classes(
     path: Path, lines: Sequence[int], ids: Sequence[str], words: Sequence[str], findings: Findings
 ) -> dict[str, ObjectClass]:
     """Return the class of each id, which never changes."""
-    found: dict[str, str] = {}
+    words_by_id: dict[str, str] = {}
     last: dict[str, int] = {}
     empty: list[int] = []
     unknown: dict[str, list[int]] = {}
@@ -167,9 +167,10 @@ def _classes(
             unknown.setdefault(word, []).append(line)
         if not name or word not in OBJECTS:
             continue
-        if found.setdefault(name, word) != word and name not in changed:
+        if words_by_id.setdefault(name, word) != word and name not in changed:
             changed[name] = InputError(
-                f"{name} was a {found[name]} until line {last[name]}: one id must be one object",
+                f"{name} was a {words_by_id[name]} until line {last[name]}: one id must be one "
+                "object",
                 file=path,
                 line=line,
                 field="class",
@@ -202,18 +203,18 @@ def _classes(
         )
     for error in changed.values():
         findings.note("table", error)
-    return {name: ObjectClass.from_word(word) for name, word in found.items()}
+    return {name: ObjectClass.from_word(word) for name, word in words_by_id.items()}
 
 
 def _numbers(
     path: Path, lines: Sequence[int], name: str, texts: Sequence[str], findings: Findings
 ) -> FloatArray:
     """Return a column, in which every row has a finite number; extents are those of road users."""
-    found = np.array([_number(text) for text in texts])
-    none = ~np.isfinite(found)
+    column = np.array([_number(text) for text in texts])
+    none = ~np.isfinite(column)
     wrong = [(none, "is no number", "every row needs all its values")]
     if name in (*_EXTENT, "height_m"):
-        far = ~none & ((found <= 0.0) | (found > _LONGEST_M))
+        far = ~none & ((column <= 0.0) | (column > _LONGEST_M))
         remedy = f"m, above 0 and up to {_LONGEST_M:g}"
         wrong.append((far, "is no extent of a road user", remedy))
     for rows, problem, remedy in wrong:
@@ -230,7 +231,7 @@ def _numbers(
                     remedy=remedy,
                 ),
             )
-    return found
+    return column
 
 
 def _number(text: str) -> float:

@@ -389,23 +389,23 @@ def thin(
     places = np.arange(0, len(times_ns), step)
     notes: tuple[str, ...] = ()
     longest_ns = _GAP * NS_PER_S / min(DEFAULT_RATE_HZ if rate_hz is None else rate_hz, fps)
-    found, end = [0], len(times_ns) - 1
+    selection, end = [0], len(times_ns) - 1
     for until in [*places[1:].tolist(), end]:
-        for place in range(found[-1] + 1, until):
-            if times_ns[place + 1] - times_ns[found[-1]] > longest_ns:
-                found.append(place)
-        if until % step == 0 or times_ns[until] - times_ns[found[-1]] > longest_ns:
-            found.append(until)
-    found = sorted(set(found))
-    if more := len(found) - len(places):
+        for place in range(selection[-1] + 1, until):
+            if times_ns[place + 1] - times_ns[selection[-1]] > longest_ns:
+                selection.append(place)
+        if until % step == 0 or times_ns[until] - times_ns[selection[-1]] > longest_ns:
+            selection.append(until)
+    selection = sorted(set(selection))
+    if more := len(selection) - len(places):
         notes = (
             f"its rate varies; {more} frames more than one in {step} are kept, so that none is "
             f"{longest_ns / NS_PER_S:.2g} s after another where there are some between",
         )
-    kept = np.array(found, dtype=np.int64)
-    span_ns = float(times_ns[kept[-1]] - times_ns[0])
-    rate = (len(kept) - 1) * NS_PER_S / span_ns if more and span_ns else fps / step
-    return KeptFrames(kept, step, rate, notes)
+    frame_indices = np.array(selection, dtype=np.int64)
+    span_ns = float(times_ns[frame_indices[-1]] - times_ns[0])
+    rate = (len(frame_indices) - 1) * NS_PER_S / span_ns if more and span_ns else fps / step
+    return KeptFrames(frame_indices, step, rate, notes)
 
 
 def jpeg(image: Bgr) -> bytes:

@@ -100,11 +100,11 @@ class Samples:
     def taken(self, keep: NDArray[np.bool_] | Stamps) -> Samples:
         """Return only these samples."""
         lines = self.source.lines
-        kept = None if lines is None else tuple(np.asarray(lines)[keep].tolist())
+        sample_lines = None if lines is None else tuple(np.asarray(lines)[keep].tolist())
         return Samples(
             self.stamps_ns[keep],
             {name: values[keep] for name, values in self.columns.items()},
-            replace(self.source, lines=kept),
+            replace(self.source, lines=sample_lines),
         )
 
     def moved_ahead(self, ahead_m: float) -> Samples:
@@ -126,10 +126,12 @@ class Rigid:
     def applied(self, samples: Samples) -> Samples:
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         x_m, y_m = samples["x_m"], samples["y_m"]
-        found = samples.having(x_m=c * x_m - s * y_m + self.x_m, y_m=s * x_m + c * y_m + self.y_m)
+        new_samples = samples.having(
+            x_m=c * x_m - s * y_m + self.x_m, y_m=s * x_m + c * y_m + self.y_m
+        )
         if "yaw_rad" not in samples.columns:
-            return found
-        return found.having(yaw_rad=samples["yaw_rad"] + self.yaw_rad)
+            return new_samples
+        return new_samples.having(yaw_rad=samples["yaw_rad"] + self.yaw_rad)
 
 
 @dataclass(frozen=True)
@@ -230,7 +232,7 @@ def slopes(t_s: FloatArray, values: FloatArray, half_s: float = SLOPE_HALF_S) ->
         Shape (n, k), per second.
     """
     n = len(t_s)
-    found = np.zeros_like(values)
+    derivative = np.zeros_like(values)
     low = np.searchsorted(t_s, t_s - half_s - 1e-9)
     high = np.searchsorted(t_s, t_s + half_s + 1e-9, side="right")
     for i in range(n):
@@ -239,8 +241,8 @@ def slopes(t_s: FloatArray, values: FloatArray, half_s: float = SLOPE_HALF_S) ->
             a = max(0, min(i - 1, n - LEAST_SAMPLES))
             b = min(n, a + LEAST_SAMPLES)
         t = t_s[a:b] - t_s[a:b].mean()
-        found[i] = t @ (values[a:b] - values[a:b].mean(axis=0)) / (t @ t)
-    return found
+        derivative[i] = t @ (values[a:b] - values[a:b].mean(axis=0)) / (t @ t)
+    return derivative
 
 
 def make_track(samples: Samples, body: Body, findings: Findings) -> Track:
@@ -279,13 +281,15 @@ def make_track(samples: Samples, body: Body, findings: Findings) -> Track:
         samples["yaw_rad"] if has_heading else None,
         samples["speed_mps"] if has_speeds else None,
     )
-    found = _findings(samples, body, course, velocity)
+    track_findings = _findings(samples, body, course, velocity)
     if axes is not None:
         # What the wrong axes bring about isn't named beside them.
-        found = [one for one in found if one.name in ("leap", "clock_step")] + [axes]
-    for one in found:
+        track_findings = [one for one in track_findings if one.name in ("leap", "clock_step")] + [
+            axes
+        ]
+    for one in track_findings:
         findings.add(one)
-    if "sideways" not in [one.name for one in found]:
+    if "sideways" not in [one.name for one in track_findings]:
         _say_sideways(samples, body, t_s, notes)
     _say_gaps(body, t_s, notes)
     if body.size is None:
@@ -360,12 +364,12 @@ def _with_heading(
         )
     course = np.unwrap(np.arctan2(velocity[fast, 1], velocity[fast, 0]))
     # Standing, an object looks where it went last; before it sets out, where it will go.
-    held = np.clip(np.searchsorted(fast, np.arange(len(moved)), side="right") - 1, 0, None)
+    course_index = np.clip(np.searchsorted(fast, np.arange(len(moved)), side="right") - 1, 0, None)
     notes.append(
         f"{body.object_id}: heading derived from its positions, a line through the samples within "
         f"{SLOPE_HALF_S:g} s; below {MOVING_MPS / 2.0:g} m/s the last one is held"
     )
-    return samples.having(yaw_rad=course[held]), False
+    return samples.having(yaw_rad=course[course_index]), False
 
 
 def _check_turns(samples: Samples) -> None:
@@ -390,13 +394,13 @@ def _with_speed(
     Returns:
         The samples, and whether the speeds are the source's own.
     """
-    yaw, given = samples["yaw_rad"], samples.columns.get("speed_mps")
+    yaw, speeds_mps = samples["yaw_rad"], samples.columns.get("speed_mps")
     way_m = float(np.linalg.norm(np.diff(samples.xy_m, axis=0), axis=1).sum())
     why = "the source has none"
-    left = samples.columns.get("left_mps", given)
-    if given is not None and way_m > _LEAST_WAY_M and not (np.any(given) or np.any(left)):
-        given, why = None, "those of the source are all zero while its positions move"
-    if given is not None:
+    left = samples.columns.get("left_mps", speeds_mps)
+    if speeds_mps is not None and way_m > _LEAST_WAY_M and not (np.any(speeds_mps) or np.any(left)):
+        speeds_mps, why = None, "those of the source are all zero while its positions move"
+    if speeds_mps is not None:
         return samples, True
     notes.append(
         f"{body.object_id}: speed derived from its positions, a line through the samples within "
@@ -412,10 +416,10 @@ def _axes_finding(samples: Samples, body: Body, t_s: FloatArray) -> Finding | No
     if "left_mps" not in columns or body.heading_from_motion:
         return None
     twist = np.column_stack([samples["speed_mps"], samples["left_mps"]])
-    found = twist_in_parent_axes(t_s, samples.xy_m, samples["yaw_rad"], twist)
-    if found is None:
+    fit = twist_in_parent_axes(t_s, samples.xy_m, samples["yaw_rad"], twist)
+    if fit is None:
         return None
-    own_mps, parent_mps, i = found
+    own_mps, parent_mps, i = fit
     return samples.source.finding(
         "twist_axes",
         f"has a twist along the axes of its poses' frame, not of its child frame: it fits the "
@@ -429,7 +433,7 @@ def _axes_finding(samples: Samples, body: Body, t_s: FloatArray) -> Finding | No
 
 def _findings(samples: Samples, body: Body, course: Course, velocity: FloatArray) -> list[Finding]:
     """Name the places where the source's statements contradict its positions."""
-    found = []
+    findings = []
     for one in contradictions(course):
         problem, remedy = problem_and_remedy(one, course, velocity, body.object_id)
         column = {"leap": "x_m", "heading": "yaw_rad"}.get(one.name, "speed_mps")
@@ -437,8 +441,8 @@ def _findings(samples: Samples, body: Body, course: Course, velocity: FloatArray
         value: object = float(samples[column][at])
         if one.name == "leap":
             value = (round(float(samples["x_m"][at]), 3), round(float(samples["y_m"][at]), 3))
-        found.append(samples.source.finding(one.name, problem, remedy, index=at, value=value))
-    return found
+        findings.append(samples.source.finding(one.name, problem, remedy, index=at, value=value))
+    return findings
 
 
 def _with_rates(samples: Samples, body: Body, t_s: FloatArray, notes: list[str]) -> Samples:
@@ -464,11 +468,11 @@ def _say_sideways(samples: Samples, body: Body, t_s: FloatArray, notes: list[str
     """Say where a reference point moves across its heading, which states can't hold."""
     yaw = samples["yaw_rad"]
     reported = samples["speed_mps"][:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
-    went = np.zeros_like(reported)
+    dead_reckoning_m = np.zeros_like(reported)
     steps_s = np.diff(t_s)[:, None]
-    went[1:] = np.cumsum((reported[1:] + reported[:-1]) / 2.0 * steps_s, axis=0)
+    dead_reckoning_m[1:] = np.cumsum((reported[1:] + reported[:-1]) / 2.0 * steps_s, axis=0)
     # What the positions do beyond where speed and heading lead.
-    beyond = slopes(t_s, samples.xy_m - went, _SIDEWAYS_HALF_S)
+    beyond = slopes(t_s, samples.xy_m - dead_reckoning_m, _SIDEWAYS_HALF_S)
     across = np.abs(beyond[:, 1] * np.cos(yaw) - beyond[:, 0] * np.sin(yaw))
     if across.max() > OBSERVABLE_LATERAL_MPS:
         i = int(np.argmax(across))

@@ -112,7 +112,7 @@ def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> Import
     with findings.listed(options.video), Video(options.video) as video:
         every = _keep_every(video, options)
         sound = _sound(options, findings)
-        kept = _kept(video, options, every, sound)
+        selection = _frame_selection(video, options, every, sound)
         table = None
         with findings.noted("table"):
             table = None if options.table is None else read_table(options.table.file, findings)
@@ -120,12 +120,14 @@ def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> Import
         return make_bag(
             options.clip.out,
             lambda writer: _write(
-                writer, video, options, table, kept, sound.damaged, findings, advance
+                writer, video, options, table, selection, sound.damaged, findings, advance
             ),
         )
 
 
-def _kept(video: Video, options: VideoOptions, every: int, sound: Soundness) -> KeptFrames:
+def _frame_selection(
+    video: Video, options: VideoOptions, every: int, sound: Soundness
+) -> KeptFrames:
     """Return the frames of the crop that are kept."""
     clip, fps = options.clip, video.info.fps
     slack_s = 0.01 / fps
@@ -138,21 +140,21 @@ def _kept(video: Video, options: VideoOptions, every: int, sound: Soundness) -> 
 
 def _sound(options: VideoOptions, findings: Findings) -> Soundness:
     """Decode the part that is imported strictly, and note the findings."""
-    found = sound_video(options.video, options.clip.end_s)
-    if found.damaged > options.most_damaged:
+    soundness = sound_video(options.video, options.clip.end_s)
+    if soundness.damaged > options.most_damaged:
         findings.add(
             Finding(
                 "damaged_video",
-                f"is damaged: the decoder reports {found.damaged} errors beside {found.frames} "
-                "frames",
-                f"get the file again from its source; --accept-damaged {found.damaged} takes so "
-                "many errors",
+                f"is damaged: the decoder reports {soundness.damaged} errors beside "
+                f"{soundness.frames} frames",
+                f"get the file again from its source; --accept-damaged {soundness.damaged} takes "
+                "so many errors",
                 options.video,
                 "--accept-damaged",
                 value=options.most_damaged,
             )
         )
-    return found
+    return soundness
 
 
 def _keep_every(video: Video, options: VideoOptions) -> int:
@@ -184,7 +186,7 @@ def _write(
     video: Video,
     options: VideoOptions,
     table: Table | None,
-    kept: KeptFrames,
+    selection: KeptFrames,
     damaged: int,
     findings: Findings,
     advance: Callable[[int], None],
@@ -195,7 +197,7 @@ def _write(
     writer.add_topic(IMAGE, COMPRESSED_TYPE, offered_qos(20))
     start_s, stamps_ns, change = 0.0, list[int](), _FrameChange()
     repeats, last = Repeats(), None
-    places = frozenset(kept.places.tolist())
+    places = frozenset(selection.places.tolist())
     for frame in video.frames(clip.start_s, clip.end_s, places):
         if not stamps_ns:
             start_s = frame.time_s
@@ -213,7 +215,7 @@ def _write(
     if not stamps_ns or video.reached_s < end_s - 0.5 / info.fps:
         raise _outside(options, video.reached_s)
     motion: Motion | float | None = options.ego_speed_mps
-    notes = [*_of_file(video), *(f"camera: {one}" for one in kept.notes)]
+    notes = [*_of_file(video), *(f"camera: {one}" for one in selection.notes)]
     if table is not None and options.table is not None:
         zero_ns = seconds_to_ns(start_s)
         motion = _measured(options, options.table, table, zero_ns, stamps_ns[-1], findings)
@@ -246,7 +248,13 @@ def _write(
     record = attach_record(writer, clip.declared, source, crop_s, camera, motion, findings, notes)
     duration_s = ns_to_seconds(stamps_ns[-1])
     return ImportSummary(
-        clip.out, len(stamps_ns), kept.keep_every, kept.rate_hz, duration_s, size_px, record
+        clip.out,
+        len(stamps_ns),
+        selection.keep_every,
+        selection.rate_hz,
+        duration_s,
+        size_px,
+        record,
     )
 
 
@@ -287,7 +295,7 @@ def _declared_states(speed_mps: float, last_ns: int) -> Iterator[ObjectState]:
 
 def _measured(
     options: VideoOptions,
-    given: TableOptions,
+    table_options: TableOptions,
     table: Table,
     low_ns: int,
     last_ns: int,
@@ -297,13 +305,13 @@ def _measured(
 
     Args:
         options: of the command.
-        given: the table's file, its ids and its time base.
+        table_options: the table's file, its ids and its time base.
         table: its content.
         low_ns: the first frame's time in the video.
         last_ns: clip time of the last frame.
         findings: take what contradicts itself in the table.
     """
-    names = _names(given, table, findings)
+    names = _names(table_options, table, findings)
     options.clip.check_ids(tuple(names))
     high_ns = low_ns + last_ns
     notes, tracks = [], []
@@ -314,7 +322,7 @@ def _measured(
     for object_id, name in names.items():
         with findings.noted("states"):
             track = _track(
-                options, given, object_id, table.objects[name], low_ns, high_ns, findings
+                options, table_options, object_id, table.objects[name], low_ns, high_ns, findings
             )
             notes += [*track.notes, *_coverage(track, low_ns, high_ns)]
             tracks.append(track)
@@ -322,16 +330,16 @@ def _measured(
     return measured_motion(
         options.clip.motion,
         tracks,
-        given.file.name,
-        sha256_file(given.file),
+        table_options.file.name,
+        sha256_file(table_options.file),
         notes,
-        given.time_offset_s,
+        table_options.time_offset_s,
     )
 
 
 def _track(
     options: VideoOptions,
-    given: TableOptions,
+    table_options: TableOptions,
     object_id: str,
     one: TableObject,
     low_ns: int,
@@ -339,7 +347,7 @@ def _track(
     findings: Findings,
 ) -> Track:
     """Return the track of an object within the clip, which lasts from and to times of the video."""
-    stamps_ns = one.samples.stamps_ns + seconds_to_ns(given.time_offset_s)
+    stamps_ns = one.samples.stamps_ns + seconds_to_ns(table_options.time_offset_s)
     inside = (stamps_ns >= low_ns) & (stamps_ns <= high_ns)
     if inside.sum() < LEAST_SAMPLES:
         raise one.samples.source.error(
@@ -420,43 +428,45 @@ def _check_motion(measured: Motion, change: _FrameChange, frames_ns: NDArray[np.
     measured.states.notes.append(f"the table {text}: is it of this run?")
 
 
-def _names(given: TableOptions, table: Table, findings: Findings) -> dict[str, str]:
+def _names(table_options: TableOptions, table: Table, findings: Findings) -> dict[str, str]:
     """Return the id in the table by the id in the recording, the VUT first."""
-    wanted = {VUT_ID: given.vut, **given.objects}
-    if not given.objects:
-        wanted |= {name: name for name in table.objects if name not in (given.vut, VUT_ID)}
-    for object_id, name in wanted.items():
+    table_ids = {VUT_ID: table_options.vut, **table_options.objects}
+    if not table_options.objects:
+        table_ids |= {
+            name: name for name in table.objects if name not in (table_options.vut, VUT_ID)
+        }
+    for object_id, name in table_ids.items():
         if name not in table.objects:
             option = "--vut" if object_id == VUT_ID else f"--object {object_id}"
             findings.note(
                 "table",
                 InputError(
                     "is no id of the table",
-                    file=given.file,
+                    file=table_options.file,
                     field=option,
                     value=name,
                     remedy=f"its ids are {', '.join(list(table.objects)[:12])}",
                 ),
             )
     findings.need()
-    if len(wanted) < 2:
+    if len(table_ids) < 2:
         raise InputError(
             "holds no object beside the VUT",
-            file=given.file,
+            file=table_options.file,
             field="id",
-            value=given.vut,
+            value=table_options.vut,
             remedy="an event needs an object target",
         )
-    twice = [name for name in set(wanted.values()) if list(wanted.values()).count(name) > 1]
+    twice = [name for name in set(table_ids.values()) if list(table_ids.values()).count(name) > 1]
     if twice:
         raise InputError(
             "is named twice",
-            file=given.file,
+            file=table_options.file,
             field="--object",
             value=twice[0],
             remedy="give each object one place",
         )
-    return wanted
+    return table_ids
 
 
 def _coverage(track: Track, low_ns: int, high_ns: int) -> list[str]:

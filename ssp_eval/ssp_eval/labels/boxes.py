@@ -84,7 +84,7 @@ def boxes(view: View, states: Iterable[ObjectState], vut_id: str) -> tuple[Objec
         vut_id: who carries the camera and isn't in its own picture.
     """
     others = [s for s in states if s.object_id != vut_id]
-    found = []
+    object_boxes = []
     for state in others:
         box = shown_box(view, state)
         if box is None:
@@ -93,10 +93,10 @@ def boxes(view: View, states: Iterable[ObjectState], vut_id: str) -> tuple[Objec
         clear = clear_share(view.position_m, state, rest)
         if clear > 0.0:
             away = np.hypot(state.x_m - view.position_m[0], state.y_m - view.position_m[1])
-            found.append(
+            object_boxes.append(
                 ObjectBox(state.object_id, state.object_class.word, box, float(away), clear)
             )
-    return tuple(sorted(found, key=lambda o: (o.distance_m, o.object_id)))
+    return tuple(sorted(object_boxes, key=lambda o: (o.distance_m, o.object_id)))
 
 
 def _series(

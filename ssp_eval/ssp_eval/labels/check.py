@@ -58,21 +58,25 @@ def _follows(before: PhasePosition, after: PhasePosition) -> bool:
 
 def risk_warnings(labels: Labels) -> list[str]:
     """Return each risk that is visible before its onset or no longer while the conflict lasts."""
-    found = []
+    warnings = []
     onset_s = labels.risk_onset_s
     for i, label in enumerate(labels.labels):
         at = f"labels[{i}]"
         if label.risk_visible and label.t_s < onset_s - _TOLERANCE_S:
-            found.append(
+            warnings.append(
                 f"{at}.risk_visible: true at {label.t_s:g} s, before risk_time_s ({onset_s:g} s)"
             )
         if label.risk_visible and label.phase == "approach":
-            found.append(f"{at}.risk_visible: true in the approach, before anything is to be seen")
+            warnings.append(
+                f"{at}.risk_visible: true in the approach, before anything is to be seen"
+            )
     for i, (before, after) in enumerate(pairwise(labels.labels), start=1):
         lasting = after.phase in ("trigger", "conflict")
         if before.risk_visible and not after.risk_visible and lasting:
-            found.append(f"labels[{i}].risk_visible: false in the {after.phase} after it was true")
-    return found
+            warnings.append(
+                f"labels[{i}].risk_visible: false in the {after.phase} after it was true"
+            )
+    return warnings
 
 
 def event_problems(labels: Labels, event: Event, version: str) -> list[str]:
@@ -110,8 +114,8 @@ def event_problems(labels: Labels, event: Event, version: str) -> list[str]:
 def _span(start: Interval | str, zero_s: float) -> tuple[float, float] | None:
     if isinstance(start, str):
         return None
-    found = start.si
-    return found.low - zero_s, found.high - zero_s
+    span = start.si
+    return span.low - zero_s, span.high - zero_s
 
 
 def response_problems(labels: Labels) -> list[str]:

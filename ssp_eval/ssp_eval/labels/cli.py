@@ -65,8 +65,8 @@ def check(file: Path, event: str | None, as_json: bool) -> int:
     problems = [*phase_problems(loaded), *plan_problems(loaded)]
     counts = phase_counts(loaded)
     if event is not None:
-        found, version = load_event(event)
-        problems += event_problems(loaded, found, version)
+        k_star, version = load_event(event)
+        problems += event_problems(loaded, k_star, version)
     responses = response_problems(loaded)
     warnings = risk_warnings(loaded)
     unreviewed = is_unreviewed(file)
@@ -121,9 +121,9 @@ def sheet(source: Path, file: Path, out: Path, start: float, force: bool) -> Non
         raise InputError("exists already", file=out, remedy="give --force to overwrite it")
     rows = load_model(Rows, file)
     with console.progress("frames", None):
-        found = pictures(source, [row.t_s for row in rows.labels], start)
-    missing = [f"{row.t_s:g}" for row, one in zip(rows.labels, found, strict=True) if one is None]
-    if len(missing) == len(found):
+        frames = pictures(source, [row.t_s for row in rows.labels], start)
+    missing = [f"{row.t_s:g}" for row, one in zip(rows.labels, frames, strict=True) if one is None]
+    if len(missing) == len(frames):
         raise InputError(
             "no label's time lies inside the clip",
             file=file,
@@ -131,7 +131,7 @@ def sheet(source: Path, file: Path, out: Path, start: float, force: bool) -> Non
             remedy="give the clip that the labels are of, or another --start",
         )
     make_folder(out.parent)
-    write_text(out, html_sheet(rows, found, str(source)))
+    write_text(out, html_sheet(rows, frames, str(source)))
     if missing:
         console.note(f"warning: no frame at {', '.join(missing)} s")
-    console.note(f"{out}: {len(found) - len(missing)} frames")
+    console.note(f"{out}: {len(frames) - len(missing)} frames")

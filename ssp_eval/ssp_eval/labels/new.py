@@ -184,14 +184,14 @@ def new(
         raise click.UsageError(f"give at most {_MOST} recordings, one per domain")
     if not sources and (truth is None or template):
         raise click.UsageError("give a BAG or VIDEO, or --truth FILE")
-    given = _GivenValues(
+    options = _GivenValues(
         domain, scenario, event_version, None if event is None else given_event(event), truth, start
     )
     paths = [find_bag(path) if is_bag(path) else path for path in sources]
-    recordings = _read(paths, given)
+    recordings = _read(paths, options)
     targets = _targets(sources, recordings, out)
     _check_free(targets, force)
-    _say_another_video(recordings, given)
+    _say_another_video(recordings, options)
     first = recordings[0]
     if first.event_version == UNKNOWN_VERSION:
         console.note(
@@ -211,90 +211,94 @@ def new(
     _say_proposal(targets[0], proposal, first.truth)
 
 
-def _read(paths: Sequence[Path], given: _GivenValues) -> list[_Recording]:
+def _read(paths: Sequence[Path], options: _GivenValues) -> list[_Recording]:
     """Read the parts of recordings that planning and proposing their labels need.
 
     Args:
         paths: of bags and videos; none: the truth file alone.
-        given: options of the command.
+        options: of the command.
 
     Raises:
         InputError: one is no recording, or realises another K*; two are of one domain or not of one
             event; or the truth file belongs to none.
     """
     if not paths:
-        return [_of_truth_file(given)]
+        return [_of_truth_file(options)]
     sources = [
-        read_source(path, given.start_s)
+        read_source(path, options.start_s)
         for path in console.tracked(paths, "reading recordings", len(paths))
     ]
-    event = given.event or next((one.event for one in sources if one.event is not None), None)
+    event = options.event or next((one.event for one in sources if one.event is not None), None)
     bare = [one for one in sources if not one.states.series]
-    if given.truth is not None and len(bare) != 1:
+    if options.truth is not None and len(bare) != 1:
         what = "all recordings hold states" if not bare else "several recordings hold no states"
         raise InputError(
             f"can't be used: {what}",
-            file=given.truth,
+            file=options.truth,
             field="--truth",
             remedy="leave --truth out, or give one recording without states beside it",
         )
-    found = [_of_source(one, event, given) for one in sources]
-    _check_same_event(found)
-    return found
+    recordings = [_of_source(one, event, options) for one in sources]
+    _check_same_event(recordings)
+    return recordings
 
 
-def _of_truth_file(given: _GivenValues) -> _Recording:
-    if given.truth is None:
+def _of_truth_file(options: _GivenValues) -> _Recording:
+    if options.truth is None:
         raise InputError(
             "there is neither a recording nor a truth file",
             field="--truth",
             remedy="give a recording or --truth",
         )
-    version = given.event_version or (None if given.event is None else given.event.version)
-    truth = truth_from_file(given.truth, given.domain, version, given.event)
+    version = options.event_version or (None if options.event is None else options.event.version)
+    truth = truth_from_file(options.truth, options.domain, version, options.event)
     return _Recording(
-        given.truth,
+        options.truth,
         truth.scenario,
         truth.domain,
         truth.event_version,
-        sha256_file(given.truth),
+        sha256_file(options.truth),
         truth,
     )
 
 
-def _of_source(source: Source, event: KStar | None, given: _GivenValues) -> _Recording:
+def _of_source(source: Source, event: KStar | None, options: _GivenValues) -> _Recording:
     path, facts = source.path, source.provenance
     origin = source.origin or str(path)
-    truth_file = None if source.states.series else given.truth
+    truth_file = None if source.states.series else options.truth
     if source.states.series or truth_file is not None:
-        truth = truth_of(source, event, truth_file, given.event_version)
+        truth = truth_of(source, event, truth_file, options.event_version)
         return _Recording(
             path, truth.scenario, truth.domain, truth.event_version, origin, truth, source=source
         )
-    scenario, domain, version = given.scenario, given.domain or "synthetic", given.event_version
+    scenario, domain, version = (
+        options.scenario,
+        options.domain or "synthetic",
+        options.event_version,
+    )
     if facts is not None:
         scenario, domain = facts.scenario or scenario, facts.domain
         version = facts.event_version or version
-    known = event or shipped_event(scenario, version)
-    if scenario is None and known is not None:
-        scenario = known.event.name
+    k_star = event or shipped_event(scenario, version)
+    if scenario is None and k_star is not None:
+        scenario = k_star.event.name
     if scenario is None:
         raise InputError(
             "doesn't say which scenario it shows", file=path, remedy="give --scenario or --event"
         )
-    if known is not None and given.event is None and version != known.version:
-        known = None
-    timeline = _phases(source, known, domain, named=given.event is not None)
-    version = version or (None if known is None else known.version) or UNKNOWN_VERSION
+    if k_star is not None and options.event is None and version != k_star.version:
+        k_star = None
+    timeline = _phases(source, k_star, domain, is_named=options.event is not None)
+    version = version or (None if k_star is None else k_star.version) or UNKNOWN_VERSION
     return _Recording(path, scenario, domain, version, origin, None, timeline, source)
 
 
-def _phases(source: Source, k_star: KStar | None, domain: str, named: bool) -> Timeline | None:
+def _phases(source: Source, k_star: KStar | None, domain: str, is_named: bool) -> Timeline | None:
     """Return the phases of a recording without states: its observers', else K*'s (METHOD 4.3).
 
     K* tells of its source clip alone. A synthetic video without observations is taken for that clip
-    where a person says so: who names K* for it (``named``), or who imported it as one of K*'s where
-    K* knows of no other file.
+    where a person says so: who names K* for it (``is_named``), or who imported it as one of K*'s
+    where K* knows of no other file.
     """
     digest = None if k_star is None else k_star.event.source.sha256
     is_synthetic = domain == "synthetic"
@@ -302,9 +306,9 @@ def _phases(source: Source, k_star: KStar | None, domain: str, named: bool) -> T
     starts: Mapping[str, float] | None = None
     if not is_source and source.provenance is not None:
         footage = Footage(source.provenance.bag_sha256, source.frames_s)
-        if told := [one for _, one in load_observations(source.path, footage)]:
-            starts = agree(told, footage.period_s).answers.phase_starts()
-    may_be_it = is_source or (is_synthetic and (named or digest is None))
+        if observations := [one for _, one in load_observations(source.path, footage)]:
+            starts = agree(observations, footage.period_s).answers.phase_starts()
+    may_be_it = is_source or (is_synthetic and (is_named or digest is None))
     if starts is None and k_star is not None and may_be_it:
         # K* has them on the source's clock.
         at = source_times(k_star.event)
@@ -319,7 +323,7 @@ def _phases(source: Source, k_star: KStar | None, domain: str, named: bool) -> T
 
 def _check_same_event(recordings: Sequence[_Recording]) -> None:
     first = recordings[0]
-    seen: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for one in recordings:
         for field, ours, theirs in (
             ("scenario", first.scenario, one.scenario),
@@ -331,13 +335,13 @@ def _check_same_event(recordings: Sequence[_Recording]) -> None:
                     file=one.path,
                     remedy="labels are planned together for recordings of one event",
                 )
-        if one.domain in seen:
+        if one.domain in paths:
             raise InputError(
-                f"is of the domain {one.domain}, as {seen[one.domain]} is",
+                f"is of the domain {one.domain}, as {paths[one.domain]} is",
                 file=one.path,
                 remedy=f"give one recording per domain ({', '.join(DOMAINS)})",
             )
-        seen[one.domain] = one.path
+        paths[one.domain] = one.path
 
 
 def _plan(recordings: Sequence[_Recording]) -> list[_LabelPlan]:
@@ -351,8 +355,8 @@ def _plan(recordings: Sequence[_Recording]) -> list[_LabelPlan]:
         for one in console.tracked(recordings, "finding events", len(recordings))
     ]
     timelines = []
-    for one, found in zip(recordings, located, strict=True):
-        timeline = one.timeline if found is None else found.timeline()
+    for one, location in zip(recordings, located, strict=True):
+        timeline = one.timeline if location is None else location.timeline()
         if timeline is None:
             raise InputError(
                 "has no states, and the times of its phases are unknown",
@@ -363,8 +367,8 @@ def _plan(recordings: Sequence[_Recording]) -> list[_LabelPlan]:
         timelines.append(timeline)
     plan = plan_labels(timelines)
     return [
-        _LabelPlan(one, timeline, plan, None if found is None else found.by_plan(plan))
-        for one, timeline, found in zip(recordings, timelines, located, strict=True)
+        _LabelPlan(one, timeline, plan, None if location is None else location.by_plan(plan))
+        for one, timeline, location in zip(recordings, timelines, located, strict=True)
     ]
 
 
@@ -388,7 +392,7 @@ def _targets(
         return [out] if one else [out / f"{r.domain}.labels.json" for r in recordings]
     if not sources:
         raise click.UsageError("--truth FILE alone needs --out FILE")
-    return [_beside(named, one.path) for named, one in zip(sources, recordings, strict=True)]
+    return [_beside(source, one.path) for source, one in zip(sources, recordings, strict=True)]
 
 
 def _check_free(targets: Sequence[Path], force: bool) -> None:
@@ -417,8 +421,8 @@ def _write(files: Sequence[NewFile]) -> None:
     write_files(files)
 
 
-def _say_another_video(recordings: Sequence[_Recording], given: _GivenValues) -> None:
-    event = None if given.event is None else given.event.event
+def _say_another_video(recordings: Sequence[_Recording], options: _GivenValues) -> None:
+    event = None if options.event is None else options.event.event
     for one in recordings:
         video = None if one.source is None or one.truth is not None else one.source.video_sha256
         if event is not None and video != event.source.sha256 and video and event.source.sha256:
@@ -470,14 +474,16 @@ def _say_proposal(out: Path, proposal: Proposal, truth: Truth) -> None:
 
 
 def _conflict_rule(limits: ConflictThresholds) -> str:
-    named = {"TTC": limits.ttc_s, "the gap between the arrivals": limits.arrival_gap_s}
-    rules = [f"{name} is under {limit:g} s" for name, limit in named.items() if limit is not None]
+    limit_by_name = {"TTC": limits.ttc_s, "the gap between the arrivals": limits.arrival_gap_s}
+    rules = [
+        f"{name} is under {limit:g} s" for name, limit in limit_by_name.items() if limit is not None
+    ]
     return " or ".join(rules) or "no threshold is given"
 
 
 def _sheet_hint(source: Path, labels: Path) -> str:
-    shown = pasteable("labels", "sheet", source, "--labels", labels, "--out", "sheet.html")
-    return f"{shown} shows the frames"
+    command = pasteable("labels", "sheet", source, "--labels", labels, "--out", "sheet.html")
+    return f"{command} shows the frames"
 
 
 def _grid_template(out: Path, one: _Recording) -> None:

@@ -259,11 +259,14 @@ def propose(truth: Truth) -> Proposal:
     Raises:
         InputError: there is no VUT, no event, no conflict, or the clip is too short.
     """
-    found = locate(truth)
-    trigger_s = found.event.trigger_s
-    span_s = (trigger_s, trigger_s if found.event.conflict_s is None else found.event.conflict_s)
-    times_s = grid_times(found.crop.start_s, found.crop.end_s, span_s, truth.source)
-    return found.proposal(times_s)
+    recording = locate(truth)
+    trigger_s = recording.event.trigger_s
+    span_s = (
+        trigger_s,
+        trigger_s if recording.event.conflict_s is None else recording.event.conflict_s,
+    )
+    times_s = grid_times(recording.crop.start_s, recording.crop.end_s, span_s, truth.source)
+    return recording.proposal(times_s)
 
 
 def propose_by_plan(truths: Sequence[Truth]) -> tuple[list[Proposal], str]:
@@ -275,12 +278,12 @@ def propose_by_plan(truths: Sequence[Truth]) -> tuple[list[Proposal], str]:
     Raises:
         InputError: see locate and propose.
     """
-    found = [locate(truth) for truth in truths]
+    recordings = [locate(truth) for truth in truths]
     try:
-        plan = plan_labels([one.timeline() for one in found])
+        plan = plan_labels([one.timeline() for one in recordings])
     except NoPlan as error:
         return [propose(truth) for truth in truths], str(error)
-    return [one.by_plan(plan) for one in found], ""
+    return [one.by_plan(plan) for one in recordings], ""
 
 
 def _critical_event(
@@ -346,8 +349,8 @@ def grid_times(
             file=source,
             remedy="write its labels by hand",
         )
-    wanted = round(((sum(centre_s) - span_s) / 2.0) / _TIME_GRID_S)
-    first_s = min(max(wanted, first_grid), last_grid) * _TIME_GRID_S
+    centred_grid = round(((sum(centre_s) - span_s) / 2.0) / _TIME_GRID_S)
+    first_s = min(max(centred_grid, first_grid), last_grid) * _TIME_GRID_S
     return [round(first_s + k * _SPACING_S, 6) for k in range(USUAL_LABELS)]
 
 
@@ -375,13 +378,13 @@ def _label(
     own: tuple[str, str],
 ) -> Label:
     vut, event = now[scene.truth.vut_id], scene.event
-    seen = [
+    objects = [
         now[object_id]
         for object_id in scene.truth.target_ids
         if scene.sees(now, object_id)
         and (object_id not in scene.standing or scene.hides(now, by=object_id))
     ]
-    critical = next((state for state in seen if state.object_id == event.object_id), None)
+    critical = next((state for state in objects if state.object_id == event.object_id), None)
     phase = event.phase_at(t_s) if at is None else at.phase
     corridor = scene.corridor_of(vut)
     conflict: str | None = _CONFLICT_OF_PHASE[phase]
@@ -394,7 +397,7 @@ def _label(
         t_s=t_s,
         phase=phase,
         risk_visible=t_s >= visible_s - TOLERANCE_S,
-        objects=tuple(sorted({state.object_class.word for state in seen})) if seen else None,
+        objects=tuple(sorted({state.object_class.word for state in objects})) if objects else None,
         position=None if critical is None else position_word(corridor, vut, critical),
         motion=None if critical is None else motion_word(corridor, vut, critical),
         conflict=conflict,

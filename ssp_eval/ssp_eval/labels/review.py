@@ -84,11 +84,11 @@ def write_files(files: Sequence[NewFile]) -> None:
         for file in files:
             if file.mark is None:  # of a proposal that this file replaces
                 sidecar(file.path).unlink(missing_ok=True)
-        for made, target in staged:
-            made.replace(target)
+        for scratch, target in staged:
+            scratch.replace(target)
     finally:
-        for made, _ in staged:
-            made.unlink(missing_ok=True)
+        for scratch, _ in staged:
+            scratch.unlink(missing_ok=True)
 
 
 def write_proposal(path: Path, proposal: Proposal, source: str) -> None:
@@ -237,9 +237,9 @@ def _show(labels: Labels, field: str, number: str, terminal: Terminal) -> None:
         terminal.say(f"\n{number} {field}: {'null' if value is None else f'{value:g} s'}")
         return
     terminal.say(f"\n{number} {field}, t = {label['t_s']:g} s")
-    for slot, given in label.items():
+    for slot, slot_value in label.items():
         if slot != "t_s":
-            terminal.say(f"  {slot:<13}{_text(given)}")
+            terminal.say(f"  {slot:<13}{_text(slot_value)}")
 
 
 def _ask(desk: _Desk, field: str, terminal: Terminal) -> bool:
@@ -310,34 +310,36 @@ def _changes(text: str) -> dict[str, Any]:
     if not pairs or _PAIR.sub("", text).strip():
         raise _BadLine("type slots and values, such as: motion=stationary conflict=null")
     changes: dict[str, Any] = {}
-    for slot, given in pairs:
+    for slot, new_value in pairs:
         if slot == "risk_visible":
-            if given not in ("true", "false"):
+            if new_value not in ("true", "false"):
                 raise _BadLine("risk_visible is true or false")
-            changes[slot] = given == "true"
+            changes[slot] = new_value == "true"
         elif slot in _LISTS:
-            changes[slot] = None if given == "null" else [word for word in given.split(",") if word]
+            changes[slot] = (
+                None if new_value == "null" else [word for word in new_value.split(",") if word]
+            )
         elif slot in _WORDS:
-            changes[slot] = None if given == "null" else given
+            changes[slot] = None if new_value == "null" else new_value
         else:
-            known = ", ".join([*_WORDS, *_LISTS, "risk_visible"])
-            raise _BadLine(f"there is no slot {slot!r}; known are {known}")
+            slots = ", ".join([*_WORDS, *_LISTS, "risk_visible"])
+            raise _BadLine(f"there is no slot {slot!r}; known are {slots}")
     return changes
 
 
 def _holder(content: dict[str, Any], field: str) -> dict[str, Any]:
     """Return the mapping of the decided values: the file for risk_time_s, else labels[i]."""
-    found: dict[str, Any] = content
+    holder: dict[str, Any] = content
     if field != _RISK:
-        found = content["labels"][int(field.removeprefix("labels[").removesuffix("]"))]
-    return found
+        holder = content["labels"][int(field.removeprefix("labels[").removesuffix("]"))]
+    return holder
 
 
 def _text(value: Any) -> str:
     if value is None:
         return "null"
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_text(given)}" for key, given in value.items())
+        return ", ".join(f"{key} {_text(part)}" for key, part in value.items())
     if isinstance(value, bool):
         return str(value).lower()
     return ", ".join(value) or "(none)" if isinstance(value, list) else str(value)

@@ -55,12 +55,12 @@ def pictures(path: Path, times_s: Sequence[float], start_s: float = 0.0) -> list
 
 
 def _of_bag(path: Path, times_s: Sequence[float]) -> list[Picture | None]:
-    found: list[Picture | None] = []
+    frames: list[Picture | None] = []
     with Clip(path) as clip:
         for t_s in times_s:
             question = clip.question(t_s, Preprocessing(frames=1))
             if isinstance(question, NoQuestion):
-                found.append(None)
+                frames.append(None)
                 continue
             frame = question.request.frames[-1]
             image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
@@ -71,8 +71,8 @@ def _of_bag(path: Path, times_s: Sequence[float]) -> list[Picture | None]:
                     remedy="give a recording whose frames can be decoded",
                 )
             at_s = ns_to_seconds(frame.stamp_ns - clip.start_ns)
-            found.append(Picture(at_s, np.asarray(image, dtype=np.uint8)))
-    return found
+            frames.append(Picture(at_s, np.asarray(image, dtype=np.uint8)))
+    return frames
 
 
 def _of_video(path: Path, times_s: Sequence[float], start_s: float) -> list[Picture | None]:
@@ -80,16 +80,16 @@ def _of_video(path: Path, times_s: Sequence[float], start_s: float) -> list[Pict
     first_s = frames_s[0]
     # Which of the clip's frames is wanted for each time, -1: none is recent enough.
     newest = [bisect_right(frames_s, first_s + t_s + _TOLERANCE_S) - 1 for t_s in times_s]
-    wanted = [
+    indices = [
         i if DEFAULT.at_most(first_s + t_s - frames_s[i], DEFAULT.match_window_s) else -1
         for i, t_s in zip(newest, times_s, strict=True)
     ]
     images: dict[int, Picture] = {}
     with Video(path) as video:
         for i, frame in enumerate(video.frames(start_s, None, 1)):
-            if i in wanted:
+            if i in indices:
                 images[i] = Picture(frame.time_s - first_s, frame.image.copy())
-    return [images.get(i) for i in wanted]
+    return [images.get(i) for i in indices]
 
 
 LEAST_WIDTH_PX = 640
@@ -129,7 +129,7 @@ def html_sheet(rows: Rows, pictures: Sequence[Picture | None], source: str) -> s
         source: name of bag or video.
     """
     items = [
-        {"t_s": row.t_s, "slots": row.slots, "picture": _shown(picture)}
+        {"t_s": row.t_s, "slots": row.slots, "picture": _picture_facts(picture)}
         for row, picture in zip(rows.labels, pictures, strict=True)
     ]
     return (
@@ -144,7 +144,7 @@ def html_sheet(rows: Rows, pictures: Sequence[Picture | None], source: str) -> s
     )
 
 
-def _shown(picture: Picture | None) -> dict[str, Any] | None:
+def _picture_facts(picture: Picture | None) -> dict[str, Any] | None:
     if picture is None:
         return None
     data = b64encode(encode(picture.image, ".jpg", _QUALITY)).decode()

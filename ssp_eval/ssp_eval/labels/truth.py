@@ -96,21 +96,21 @@ def shipped_event(scenario: str | None, version: str | None) -> KStar | None:
     if scenario is None:
         return None
     try:
-        event, found = load_event(scenario)
+        event, shipped_version = load_event(scenario)
     except InputError:
         return None
-    if version not in (found, None, UNKNOWN_VERSION):
+    if version not in (shipped_version, None, UNKNOWN_VERSION):
         return None
-    return KStar(event, found, f"the shipped K* {event.name}")
+    return KStar(event, shipped_version, f"the shipped K* {event.name}")
 
 
 def _rules(
     k_star: KStar | None, run: RunSpec | None, scenario: str | None, version: str | None
 ) -> EventRules:
     """Return a recording's rules: those of its K* or the shipped one, else the run's, else none."""
-    found = k_star or shipped_event(scenario, version)
-    if found is not None:
-        return replace(rules_of(found.event, run), said_by=found.said_by)
+    reference = k_star or shipped_event(scenario, version)
+    if reference is not None:
+        return replace(rules_of(reference.event, run), said_by=reference.said_by)
     rules = rules_of(None, run)
     if run is not None:
         return rules
@@ -285,7 +285,7 @@ def truth_from_file(
     path: str | Path,
     domain: str | None = None,
     event_version: str | None = None,
-    given: KStar | None = None,
+    k_star: KStar | None = None,
 ) -> Truth:
     """Read the ground truth that a clip's maker wrote beside it, in the clip's own time.
 
@@ -293,7 +293,7 @@ def truth_from_file(
         path: of the file.
         domain: of the clip, where it isn't the one that the file names (METHOD 5.2).
         event_version: K* version, where the file names none.
-        given: the K*, for its rules. Where it isn't given, the shipped K* of this scenario is
+        k_star: for its rules. Where it isn't given, the shipped K* of this scenario is
             taken, unless another version is named.
 
     Raises:
@@ -306,8 +306,8 @@ def truth_from_file(
         raise InputError(
             f"is no JSON: {error}", file=path, remedy="write it as JSON (ssp.truth/1)"
         ) from error
-    found = parse_model(TruthFile, value, path)
-    for before, after in pairwise(found.frames):
+    truth_file = parse_model(TruthFile, value, path)
+    for before, after in pairwise(truth_file.frames):
         if after.t_s <= before.t_s:
             raise InputError(
                 "must rise strictly",
@@ -316,13 +316,13 @@ def truth_from_file(
                 value=after.t_s,
                 remedy="sort the frames by time, each once",
             )
-    series = [(f.t_s, [one.state(f.t_s) for one in f.objects]) for f in found.frames]
+    series = [(f.t_s, [one.state(f.t_s) for one in f.objects]) for f in truth_file.frames]
     first = series[0][1]
     targets = tuple(state.object_id for state in first if state.role is Role.OT)
-    version = found.event_version or event_version or UNKNOWN_VERSION
+    version = truth_file.event_version or event_version or UNKNOWN_VERSION
     return Truth(
-        scenario=found.scenario,
-        domain=domain or found.domain,
+        scenario=truth_file.scenario,
+        domain=domain or truth_file.domain,
         event_version=version,
         start_s=series[0][0],
         end_s=series[-1][0],
@@ -330,8 +330,10 @@ def truth_from_file(
         target_ids=targets or tuple(s.object_id for s in first if s.object_id != VUT_ID),
         series=series,
         source=str(path),
-        hfov_rad=None if found.camera.hfov_deg is None else math.radians(found.camera.hfov_deg),
-        rules=_rules(given, None, found.scenario, version),
+        hfov_rad=None
+        if truth_file.camera.hfov_deg is None
+        else math.radians(truth_file.camera.hfov_deg),
+        rules=_rules(k_star, None, truth_file.scenario, version),
         frames_s=tuple(t_s for t_s, _ in series),
     )
 
@@ -343,7 +345,7 @@ def truth_from_bag(path: str | Path) -> Truth:
 
 def truth_of(
     source: Source,
-    given: KStar | None = None,
+    fallback: KStar | None = None,
     truth_file: Path | None = None,
     version: str | None = None,
 ) -> Truth:
@@ -351,7 +353,7 @@ def truth_of(
 
     Args:
         source: the bag, as read_source returns it.
-        given: the K*, where the bag holds none.
+        fallback: the K*, where the bag holds none.
         truth_file: that its clip's maker wrote, for a bag of a video without states.
         version: K* version, where the recording names none.
 
@@ -365,8 +367,8 @@ def truth_of(
             file=path,
             remedy="import it (ssp import-video), or give its --truth file alone",
         )
-    version = _version(path, facts, given, version)
-    k_star = source.event or given
+    version = _version(path, facts, fallback, version)
+    k_star = source.event or fallback
     start_s, end_s = source.first_s, source.last_s
     about: dict[str, Any] = {
         "domain": facts.domain,
@@ -376,8 +378,8 @@ def truth_of(
         "frames_s": source.frames_s,
     }
     if truth_file is not None:
-        found = truth_from_file(truth_file, event_version=version)
-        shifted = [(t_s - source.zero_s, list(now.values())) for t_s, now in found.states]
+        file_truth = truth_from_file(truth_file, event_version=version)
+        shifted = [(t_s - source.zero_s, list(now.values())) for t_s, now in file_truth.states]
         series = [(t_s, states) for t_s, states in shifted if start_s <= t_s <= end_s]
         if not series:
             raise InputError(
@@ -385,9 +387,9 @@ def truth_of(
                 file=truth_file,
                 remedy=f"it must be of the video in {path}",
             )
-        about["scenario"] = facts.scenario or found.scenario
+        about["scenario"] = facts.scenario or file_truth.scenario
         rules = _rules(k_star, facts.run, about["scenario"], version)
-        return replace(found, series=series, rules=rules, **about)
+        return replace(file_truth, series=series, rules=rules, **about)
     who = facts.participants
     states = between(source.states.series, start_s, end_s)
     if who is None or not isinstance(states, StateSeries) or not states:
@@ -414,17 +416,17 @@ def truth_of(
 
 
 def _version(
-    path: str | Path, provenance: Provenance, given: KStar | None, named: str | None
+    path: str | Path, provenance: Provenance, k_star: KStar | None, version: str | None
 ) -> str:
-    told = provenance.event_version
-    for other in (None if given is None else given.version, named):
-        if told is not None and other not in (None, told):
+    own_version = provenance.event_version
+    for other in (None if k_star is None else k_star.version, version):
+        if own_version is not None and other not in (None, own_version):
             raise InputError(
-                f"realises K* {told}, given is {other}",
+                f"realises K* {own_version}, given is {other}",
                 file=path,
                 remedy="give the K* that the recording was made from",
             )
-    return told or named or (None if given is None else given.version) or UNKNOWN_VERSION
+    return own_version or version or (None if k_star is None else k_star.version) or UNKNOWN_VERSION
 
 
 def _hfov_rad(provenance: Provenance) -> float | None:

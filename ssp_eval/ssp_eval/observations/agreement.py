@@ -78,17 +78,17 @@ def agree(observations: Sequence[Observation], period_s: float = 0.0) -> Agreeme
         raise ValueError("there is no observation")
     _check_apart(observations)
     tolerance_s = max(SAME_TIME_S, period_s)
-    told = [_answers_of(one) for one in observations]
-    merged = json.loads(json.dumps(told[0]))
+    answers = [_answers_of(one) for one in observations]
+    merged = json.loads(json.dumps(answers[0]))
     rows: dict[str, AgreementEntry] = {}
-    for path, _ in leaves(told[0]):
+    for path, _ in leaves(answers[0]):
         parts = path.split(".")
-        values = [_at(one, parts) for one in told]
+        values = [_at(one, parts) for one in answers]
         if parts[-1] in ("frames", "note"):
-            _put(merged, parts, _joined(parts[-1], values))
+            _set_at(merged, parts, _joined(parts[-1], values))
             continue
         verdict, value = _verdict(values, _kind(path), tolerance_s)
-        _put(merged, parts, value)
+        _set_at(merged, parts, value)
         if parts[-1] != "role" and any(v is not None for v in values):
             rows[path] = AgreementEntry(
                 field=path,
@@ -99,7 +99,7 @@ def agree(observations: Sequence[Observation], period_s: float = 0.0) -> Agreeme
     # Of answers that one person gave alone, two may not fit together.
     while (wrong := next(Answers.model_validate(merged).contradictions(), None)) is not None:
         path = wrong[0]
-        _put(merged, path.split("."), None)
+        _set_at(merged, path.split("."), None)
         against = {"verdict": "contradict", "result": UNVERIFIED}
         rows[path] = rows[path].model_copy(update=against)
     return Agreement(
@@ -159,13 +159,13 @@ def _verdict(
     values: Sequence[Any], kind: Literal["time", "share", "word"], tolerance_s: float
 ) -> tuple[Verdict, Any]:
     """Judge how answers agree, and what counts; an undecided answer contradicts none."""
-    known = [value for value in values if value is not None]
-    if not known:
+    answers = [value for value in values if value is not None]
+    if not answers:
         return "unknown", None
-    agreed: Verdict = "one alone" if len(known) == 1 else "agree"
+    agreed: Verdict = "one alone" if len(answers) == 1 else "agree"
     if kind == "word":
-        return (agreed, known[0]) if all(v == known[0] for v in known) else ("differ", None)
-    numbers = [{"throughout": 1.0, "never": 0.0}.get(value, value) for value in known]
+        return (agreed, answers[0]) if all(v == answers[0] for v in answers) else ("differ", None)
+    numbers = [{"throughout": 1.0, "never": 0.0}.get(value, value) for value in answers]
     tolerance = tolerance_s if kind == "time" else SAME_SHARE
     if max(numbers) - min(numbers) > tolerance + _TOLERANCE:
         return "differ", None
@@ -178,7 +178,7 @@ def _at(value: Any, parts: Sequence[str]) -> Any:
     return value
 
 
-def _put(value: Any, parts: Sequence[str], new: Any) -> None:
+def _set_at(value: Any, parts: Sequence[str], new: Any) -> None:
     _at(value, parts[:-1])[parts[-1]] = new
 
 
@@ -186,10 +186,10 @@ def _joined(key: str, values: Sequence[Any]) -> Any:
     """Return evidence and remarks of all observers."""
     if key == "note":
         return "; ".join(dict.fromkeys(v for v in values if v))[:500] or None
-    found = []
+    entries = []
     for value in values:
-        found += [item for item in value if item not in found]
-    return found
+        entries += [item for item in value if item not in entries]
+    return entries
 
 
 def _text(value: Any) -> str:

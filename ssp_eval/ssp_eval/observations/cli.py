@@ -93,8 +93,13 @@ def observe(
         provenance = read_provenance(reader)
         footage = Footage(provenance.bag_sha256, frame_times(reader, provenance)[0])
     if draft is not None:
-        found = sealed_observation(draft, footage, name, utc_now(), who)
-        _keep(found, out or default_place(path.absolute(), found.who), log or log_of(path), force)
+        observation = sealed_observation(draft, footage, name, utc_now(), who)
+        _keep(
+            observation,
+            out or default_place(path.absolute(), observation.who),
+            log or log_of(path),
+            force,
+        )
         return
     present = provenance.participants
     vut, targets = (VUT_ID, DEFAULT_TARGETS) if present is None else (present.vut, present.ids[1:])
@@ -132,30 +137,30 @@ def _check_free(path: Path, force: bool) -> None:
         raise InputError("exists already", file=path, remedy="give --force to replace it")
 
 
-def _keep(found: Observation, target: Path, log: Path, force: bool) -> None:
+def _keep(observation: Observation, target: Path, log: Path, force: bool) -> None:
     """Write a sealed observation, enter it into the log, and print what it leaves open."""
     _check_free(target, force)
     make_folder(target.parent)
     record = Record(
         kind="observation",
         when=utc_now(),
-        who=found.who,
-        subject=found.recording,
-        version=found.bag_sha256,
-        reason=found.remark or "looked at the recording",
+        who=observation.who,
+        subject=observation.recording,
+        version=observation.bag_sha256,
+        reason=observation.remark or "looked at the recording",
         details={
-            "seal": found.seal,
+            "seal": observation.seal,
             "file": target.name,
-            "looked_at": found.when.isoformat(),
-            "unverified": list(found.unanswered()),
+            "looked_at": observation.when.isoformat(),
+            "unverified": list(observation.unanswered()),
         },
     )
     append_record(log, record)
-    write_observation(target, found)
-    console.out.print(f"{target}: observed by {found.who}, {found.seal}", markup=False)
-    if open_ones := found.unanswered():
+    write_observation(target, observation)
+    console.out.print(f"{target}: observed by {observation.who}, {observation.seal}", markup=False)
+    if open_ones := observation.unanswered():
         console.note(f"{len(open_ones)} unverified: {', '.join(open_ones)}")
-    for reason in found.rejections():
+    for reason in observation.rejections():
         console.note(f"the source gate refuses it: {reason.replace('_', ' ')}")
     console.note(f"entered into {log}")
 
@@ -178,18 +183,18 @@ def agree_command(files: tuple[Path, ...], as_json: bool) -> int:
     """
     if len(files) < 2:
         raise click.UsageError("name two sealed observations")
-    found = agree([read_observation(path) for path in files])
+    agreement = agree([read_observation(path) for path in files])
     if as_json:
-        click.echo(json.dumps(found.to_json(), indent=1, ensure_ascii=False))
-        return 1 if found.differing else 0
+        click.echo(json.dumps(agreement.to_json(), indent=1, ensure_ascii=False))
+        return 1 if agreement.differing else 0
     table = Table(box=None, pad_edge=False)
-    for name in ("field", *found.observers, "", "counts"):
+    for name in ("field", *agreement.observers, "", "counts"):
         table.add_column(name, overflow="fold")
-    for row in found.rows:
+    for row in agreement.rows:
         table.add_row(row.field, *row.values, row.verdict, row.result)
     console.out.print(table)
-    if differing := found.differing:
-        console.note(f"{found.by} differ in {len(differing)}: {', '.join(differing)}")
+    if differing := agreement.differing:
+        console.note(f"{agreement.by} differ in {len(differing)}: {', '.join(differing)}")
     else:
-        console.note(f"{found.by} differ in nothing (times within {found.tolerance_s:g} s)")
-    return 1 if found.differing else 0
+        console.note(f"{agreement.by} differ in nothing (times within {agreement.tolerance_s:g} s)")
+    return 1 if agreement.differing else 0

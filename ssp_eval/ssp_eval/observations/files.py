@@ -77,21 +77,21 @@ def default_place(bag: Path, who: str) -> Path:
 
 
 def load_observations(
-    bag: Path, footage: Footage, named: Sequence[Path] = ()
+    bag: Path, footage: Footage, extra_files: Sequence[Path] = ()
 ) -> tuple[tuple[Path, Observation], ...]:
     """Return the sealed observations of a recording, each with its file.
 
     Args:
         bag: folder or MCAP file of the recording.
         footage: frames of the recording that they must be of.
-        named: files besides those that lie with it.
+        extra_files: files besides those that lie with it.
 
     Raises:
         InputError: one of them isn't sealed, was changed since, is of another recording, or says
             what can't be of this one.
     """
-    found = {path.resolve(): path for path in (*find_observations(bag), *named)}
-    return tuple((path, load_observation(path, footage)) for path in found.values())
+    paths = {path.resolve(): path for path in (*find_observations(bag), *extra_files)}
+    return tuple((path, load_observation(path, footage)) for path in paths.values())
 
 
 def load_observation(path: Path, footage: Footage) -> Observation:
@@ -151,8 +151,8 @@ def check_observation(observation: Observation, footage: Footage, file: Path) ->
     for path, problem in observation.contradictions():
         raise InputError(problem, file=file, field=path, remedy="correct it, then seal it again")
     last = len(footage.frames_s) - 1
-    for path, seen in observation.seen():
-        for number, item in enumerate(seen.frames):
+    for path, frame_answers in observation.seen():
+        for number, item in enumerate(frame_answers.frames):
             newest = item if isinstance(item, int) else item[1]
             if newest > last:
                 raise InputError(
@@ -203,16 +203,16 @@ def sealed_observation(
             value=value["seal"],
             remedy="make a new one with `ssp audit observe`",
         )
-    given = value.get("who")
-    if who is not None and given is not None and given != who:
+    observer = value.get("who")
+    if who is not None and observer is not None and observer != who:
         raise InputError(
             f"names another person than --who {who}",
             file=file,
             field="who",
-            value=given,
+            value=observer,
             remedy="leave --who out, or let that person seal it",
         )
-    value["who"] = given if who is None else who
+    value["who"] = observer if who is None else who
     if value["who"] is None:
         raise InputError("names no person", file=file, field="who", remedy="give --who NAME")
     for key, own in (("bag_sha256", footage.bag_sha256), ("recording", recording), ("when", now)):

@@ -114,10 +114,10 @@ class Roles(FrameAnswers):
     affected: ObjectId | None
 
     def answers(self) -> dict[str, Any]:
-        found = super().answers()
-        for one in found["participants"].values():
+        answers = super().answers()
+        for one in answers["participants"].values():
             del one["role"]
-        return found
+        return answers
 
     @property
     def vut(self) -> str:
@@ -228,41 +228,41 @@ class Answers(Strict):
 
     def unanswered(self) -> tuple[str, ...]:
         """Return the paths of unanswered fields, without the declarations of the log."""
-        found = []
+        paths = []
         for path, one in self.seen():
             for key, value in leaves(one.answers()):
                 if value is None and not _is_idle(path, key, self):
-                    found.append(f"{path}.{key}")
-        return tuple(found)
+                    paths.append(f"{path}.{key}")
+        return tuple(paths)
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Yield the paths of contradicting answers, and why they contradict."""
         roles = self.roles
-        known = roles.participants
-        vuts = [who for who, one in known.items() if one.role == "VUT"]
+        participants = roles.participants
+        vuts = [who for who, one in participants.items() if one.role == "VUT"]
         if len(vuts) != 1:
             yield "roles.participants", f"one of them is the VUT, not {len(vuts)}"
             return
         for name in ("initiator", "affected"):
             who = getattr(roles, name)
-            if who is not None and who not in known:
-                yield f"roles.{name}", f"{who} is no participant: {', '.join(known)}"
+            if who is not None and who not in participants:
+                yield f"roles.{name}", f"{who} is no participant: {', '.join(participants)}"
         if roles.initiator is not None and roles.initiator == roles.affected:
             yield "roles.affected", f"{roles.affected} is the initiator, too"
-        if known[roles.vut].starts_in is not None:
+        if participants[roles.vut].starts_in is not None:
             yield f"roles.participants.{roles.vut}.starts_in", "is asked of OTs alone"
         order = self.passing_order.value
-        if order is not None and (order[0] == order[1] or not set(order) <= set(known)):
-            yield "passing_order.value", f"must name two of {', '.join(known)}"
+        if order is not None and (order[0] == order[1] or not set(order) <= set(participants)):
+            yield "passing_order.value", f"must name two of {', '.join(participants)}"
         if set(self.visibility.participants) != set(roles.targets):
             yield "visibility.participants", f"must name {', '.join(roles.targets)}"
         yield from self._times()
 
     def _times(self) -> Iterator[tuple[str, str]]:
         starts = {f"{phase}.t_s": t_s for phase, t_s in self.phase_starts().items()}
-        named = {"start_s": self.phases.start_s, **starts, "end_s": self.phases.end_s}
-        known = [(name, t_s) for name, t_s in named.items() if t_s is not None]
-        for before, (name, t_s) in pairwise(known):
+        times_s = {"start_s": self.phases.start_s, **starts, "end_s": self.phases.end_s}
+        sequence = [(name, t_s) for name, t_s in times_s.items() if t_s is not None]
+        for before, (name, t_s) in pairwise(sequence):
             if t_s <= before[1]:
                 yield f"phases.{name}", f"{t_s:g} s is not after {before[0]} at {before[1]:g} s"
 
@@ -383,7 +383,7 @@ def _is_idle(path: str, key: str, answers: Answers) -> bool:
 
 
 def _property(
-    seen: FrameAnswers, words: Mapping[str, str | tuple[str, ...] | None], by: str
+    answers: FrameAnswers, words: Mapping[str, str | tuple[str, ...] | None], by: str
 ) -> Property:
     missing = [part for part, word in words.items() if word is None]
     if missing:
@@ -393,4 +393,4 @@ def _property(
         for part, word in words.items()
         if word is not None
     }
-    return Property(plain, f"observed by {by}, {seen.evidence}")
+    return Property(plain, f"observed by {by}, {answers.evidence}")

@@ -81,13 +81,13 @@ def shown_frames(
     Raises:
         InputError: one of them is no picture.
     """
-    found: dict[int, PageFrame] = {}
+    frames: dict[int, PageFrame] = {}
     with BagReader(bag) as reader:
         stamps = sorted(peek_stamp_ns(m.data) for m in reader.messages([_TOPIC]))
         index_of = {stamps[i]: i for i in indices}
         for picture in Frames(reader, _TOPIC).pictures(stamps=set(index_of)):
             i = index_of[picture.stamp_ns]
-            if i in found:
+            if i in frames:
                 continue
             image = picture.image
             height, width = image.shape[:2]
@@ -97,9 +97,9 @@ def shown_frames(
                     cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8
                 )
             data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
-            found[i] = PageFrame(i, footage.frames_s[i], data.tobytes())
+            frames[i] = PageFrame(i, footage.frames_s[i], data.tobytes())
             on_frame()
-    return [found[i] for i in indices if i in found]
+    return [frames[i] for i in indices if i in frames]
 
 
 _TEMPLATE = Path(__file__).with_name("page.html.j2")

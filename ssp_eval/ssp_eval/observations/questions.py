@@ -69,18 +69,18 @@ def cards(vut: str, targets: Sequence[str], has_log: bool) -> list[Card]:
         targets: ids of the OTs.
         has_log: the recording has a log of ours, so that no declaration is needed.
     """
-    seen = {f"participants.{who}": who for who in targets}
-    seen["conflict_region"] = "the region of the conflict"
+    subjects = {f"participants.{who}": who for who in targets}
+    subjects["conflict_region"] = "the region of the conflict"
     gate = {reason: _GATE[reason] for reason in REASONS}
     template = templates(_HERE).get_template(_FILE)
-    text = template.render(vut=vut, targets=targets, has_log=has_log, gate=gate, seen=seen)
-    known = _vocabularies(vut, targets)
-    found = parse_value(text, _FILE)
-    for card in found:
+    text = template.render(vut=vut, targets=targets, has_log=has_log, gate=gate, seen=subjects)
+    vocabularies = _vocabularies(vut, targets)
+    entries = parse_value(text, _FILE)
+    for card in entries:
         for ask in card["asks"]:
             if isinstance(ask.get("words"), str):
-                ask["words"] = known[ask["words"]]
-    return [Card.model_validate(card) for card in found]
+                ask["words"] = vocabularies[ask["words"]]
+    return [Card.model_validate(card) for card in entries]
 
 
 def _vocabularies(vut: str, targets: Sequence[str]) -> dict[str, Sequence[tuple[Any, str]]]:
@@ -110,24 +110,24 @@ def _vocabularies(vut: str, targets: Sequence[str]) -> dict[str, Sequence[tuple[
 def blank(vut: str, targets: Sequence[str], has_log: bool) -> dict[str, Any]:
     """Return the observation file without any answer."""
     people = {vut: {"role": "VUT"}} | {who: {"role": "OT"} for who in targets}
-    found: dict[str, Any] = {"topology": {}, "roles": {"participants": people}}
+    observation: dict[str, Any] = {"topology": {}, "roles": {"participants": people}}
     for name in ("dominant_motion", "conflict_type", "passing_order"):
-        found[name] = {}
-    found["phases"] = {"start_s": None, "end_s": None}
+        observation[name] = {}
+    observation["phases"] = {"start_s": None, "end_s": None}
     for card in cards(vut, targets, has_log):
         for ask in card.asks:
-            _put(found, ask.path, None)
+            _set_at(observation, ask.path, None)
         if card.path:
-            _put(found, f"{card.path}.frames", [])
-            _put(found, f"{card.path}.note", None)
-    return found
+            _set_at(observation, f"{card.path}.frames", [])
+            _set_at(observation, f"{card.path}.note", None)
+    return observation
 
 
-def _put(found: dict[str, Any], path: str, value: Any) -> None:
+def _set_at(node: dict[str, Any], path: str, value: Any) -> None:
     *parents, name = path.split(".")
     for parent in parents:
-        found = found.setdefault(parent, {})
-    found[name] = value
+        node = node.setdefault(parent, {})
+    node[name] = value
 
 
 _HEAD = """\

@@ -113,8 +113,8 @@ def verify_command(folder: Path, expected_id: str | None, workers: int, as_json:
         )
     else:
         count = len(verdict.findings)
-        told = "1 finding" if count == 1 else f"{count} findings"
-        console.out.print(f"{folder}: not sound: {told}", markup=False)
+        count_text = "1 finding" if count == 1 else f"{count} findings"
+        console.out.print(f"{folder}: not sound: {count_text}", markup=False)
     return 0 if verdict.ok else 1
 
 
@@ -183,12 +183,12 @@ def _notes(missing: Iterable[str], notes: Iterable[str]) -> None:
 def _shown_on(bar: RichProgress) -> Progress:
     """Show a count of bytes in whole MiB, and the step that follows."""
     task = bar.task_ids[0]
-    done = 0
+    byte_count = 0
 
     def more(count: int) -> None:
-        nonlocal done
-        done += count
-        bar.update(task, completed=done >> 20)
+        nonlocal byte_count
+        byte_count += count
+        bar.update(task, completed=byte_count >> 20)
 
     return Progress(
         lambda total: bar.update(task, total=total >> 20),

@@ -49,10 +49,10 @@ class Contents:
 
     @cached_property
     def _by_hash(self) -> dict[str, list[FileEntry]]:
-        found: dict[str, list[FileEntry]] = {}
+        files_by_hash: dict[str, list[FileEntry]] = {}
         for entry in self.files:
-            found.setdefault(entry.sha256, []).append(entry)
-        return found
+            files_by_hash.setdefault(entry.sha256, []).append(entry)
+        return files_by_hash
 
     def of(self, *roles: Role) -> list[FileEntry]:
         """Return the files of some roles, by path."""
@@ -70,8 +70,8 @@ class Contents:
             near: a path in the package.
             roles: that it may have; none: any.
         """
-        found = [e for e in self._by_hash.get(sha256, []) if not roles or e.role in roles]
-        return nearest(found, near)
+        candidates = [e for e in self._by_hash.get(sha256, []) if not roles or e.role in roles]
+        return nearest(candidates, near)
 
     def object(self, entry: FileEntry) -> Path:
         """Return the path of its bytes."""
@@ -139,10 +139,10 @@ class Contents:
                 with BagReader(place if metadata is not None else place / name) as bag:
                     yield bag
             except InputError as error:
-                told = (error.file or "").replace(str(place), str(parent))
+                package_path = (error.file or "").replace(str(place), str(parent))
                 raise InputError(
                     error.problem,
-                    file=told or recording.path,
+                    file=package_path or recording.path,
                     field=error.field,
                     value=error.value,
                     remedy=error.remedy,
@@ -273,13 +273,13 @@ class Index:
                 self.copies.setdefault(recording.sha256, []).append(entry)
 
     def _versions(self, role: str, read: Callable[[FileEntry], str]) -> dict[str, list[FileEntry]]:
-        found: dict[str, list[FileEntry]] = {}
+        files_by_version: dict[str, list[FileEntry]] = {}
         for entry in self.contents.files:
             if entry.role == role:
                 version = self._try(entry, read)
                 if version is not None:
-                    found.setdefault(version, []).append(entry)
-        return found
+                    files_by_version.setdefault(version, []).append(entry)
+        return files_by_version
 
     def _try(self, entry: FileEntry, read: Callable[[FileEntry], Item]) -> Item | None:
         """Read a file, or return None with a note: the problem is then the file that names it."""
@@ -369,10 +369,10 @@ def sealed_task(data: bytes, name: str) -> Task:
         InputError: it is none, or its seal is broken.
     """
     task = parse_model(Task, parse_mapping(data, name), name)
-    found = content_hash(task)
-    if found != task.version:
+    content_sha256 = content_hash(task)
+    if content_sha256 != task.version:
         raise InputError(
-            f"was changed after it was compiled: its content has {found}",
+            f"was changed after it was compiled: its content has {content_sha256}",
             file=name,
             field="version",
             value=task.version,
@@ -397,11 +397,11 @@ def _parsed(
 
 
 def _frames(bag: BagReader) -> dict[int, str]:
-    found: dict[int, str] = {}
+    hashes_by_stamp: dict[int, str] = {}
     if _IMAGE in bag.topics:
         for frame in Frames(bag, _IMAGE).jpegs():
-            found.setdefault(frame.stamp_ns, sha256_bytes(frame.data))
-    return found
+            hashes_by_stamp.setdefault(frame.stamp_ns, sha256_bytes(frame.data))
+    return hashes_by_stamp
 
 
 def missing_parts(
@@ -417,17 +417,17 @@ def missing_parts(
     recordings = [r for digest, r in index.recordings.items() if digest in used]
     scenarios = {str(facts.get("scenario")) for facts in cells.values()}
     scenarios |= {r.scenario for r in recordings if r.scenario is not None}
-    found: list[str] = []
+    parts: list[str] = []
     for scenario in sorted(scenarios):
         domains = {r.domain for r in recordings if r.scenario == scenario}
-        found += [f"{scenario}: no {d} recording" for d in DOMAINS if d not in domains]
+        parts += [f"{scenario}: no {d} recording" for d in DOMAINS if d not in domains]
         own = {path for path, facts in cells.items() if facts.get("scenario") == scenario}
         if not own:
-            found.append(f"{scenario}: no evaluated cell")
+            parts.append(f"{scenario}: no evaluated cell")
         unaudited = own - {link.source for link in links if link.kind == "audit"}
-        found += [f"{path}: no audit" for path in sorted(unaudited)]
+        parts += [f"{path}: no audit" for path in sorted(unaudited)]
     there = {link.source for link in links if link.kind == "source_video"}
-    found += [f"{path}: no source video" for path in sorted(set(index.sources) - there)]
+    parts += [f"{path}: no source video" for path in sorted(set(index.sources) - there)]
     if not index.contents.of("log"):
-        found.append("no log")
-    return found
+        parts.append("no log")
+    return parts

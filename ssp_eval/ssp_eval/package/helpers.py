@@ -110,7 +110,7 @@ class Helpers:
     def _hand_out(self) -> None:
         """Give waiting calls to idle helpers."""
         with self._lock:
-            given = []
+            futures = []
             while self._pool is not None and self._waiting and self._idle:
                 call = self._waiting[0]
                 try:
@@ -119,9 +119,9 @@ class Helpers:
                     break  # the call whose helper was killed says so
                 self._waiting.popleft()
                 self._idle -= 1
-                given.append(call.there)
+                futures.append(call.there)
         # Outside of the lock: what is done already calls at once.
-        for future in given:
+        for future in futures:
             future.add_done_callback(self._on_done)
 
     def _on_done(self, _: Future[Any]) -> None:

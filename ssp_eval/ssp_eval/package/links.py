@@ -84,10 +84,10 @@ class Links:
                     self.problems.append(Problem(entry.path, error.field or "", error.problem))
         for path, task in self._index.seals.items():
             self._task(path, task)
-        for path, named in self._index.sources.items():
-            video = self._contents.with_hash(named, path)
+        for path, sha256 in self._index.sources.items():
+            video = self._contents.with_hash(sha256, path)
             if video is not None:  # else it is a part that is missing: a clip may be kept private
-                self._add("source_video", path, "source.sha256", video, named, "source video")
+                self._add("source_video", path, "source.sha256", video, sha256, "source video")
         used = {link.hash for link in self.found if link.kind == "bag"}
         for digest, recording in self._index.recordings.items():
             if digest in used:
@@ -99,33 +99,37 @@ class Links:
         """Link the shortlists that the events of a log were candidates of."""
         for place, record in enumerate(parse_log(self._contents.text(entry), entry.path), start=1):
             if record.kind == "shortlist":
-                named = record.details.get("sha256")
-                target = self._contents.with_hash(str(named), entry.path, "shortlist")
-                self._add("shortlist", entry.path, f"{place}:details.sha256", target, named, "list")
+                sha256 = record.details.get("sha256")
+                target = self._contents.with_hash(str(sha256), entry.path, "shortlist")
+                self._add(
+                    "shortlist", entry.path, f"{place}:details.sha256", target, sha256, "list"
+                )
 
     def _add(
-        self, kind: Kind, source: str, at: str, target: FileEntry | None, named: object, what: str
+        self, kind: Kind, source: str, at: str, target: FileEntry | None, sha256: object, what: str
     ) -> None:
         """Add a link, or the problem that no file has the hash that is named."""
-        if not isinstance(named, str) or not named.startswith("sha256:"):
+        if not isinstance(sha256, str) or not sha256.startswith("sha256:"):
             self.problems.append(Problem(source, at, f"names no {what}"))
         elif target is None:
-            text = f"names {_a(what)} that is not in the package ({named})"
+            text = f"names {_a(what)} that is not in the package ({sha256})"
             self.problems.append(Problem(source, at, text))
         else:
-            self.found.append(Link(kind=kind, source=source, at=at, target=target.path, hash=named))
+            self.found.append(
+                Link(kind=kind, source=source, at=at, target=target.path, hash=sha256)
+            )
 
-    def _version(self, kind: Kind, source: str, at: str, named: object, what: str) -> None:
+    def _version(self, kind: Kind, source: str, at: str, version: object, what: str) -> None:
         versions: Mapping[str, Sequence[FileEntry]] = {
             "event_version": self._index.events,
             "site_version": self._index.sites,
             "task_version": self._index.tasks,
         }[kind]
-        self._add(kind, source, at, nearest(versions.get(str(named), ()), source), named, what)
+        self._add(kind, source, at, nearest(versions.get(str(version), ()), source), version, what)
 
-    def _bag(self, source: str, at: str, named: object) -> None:
-        recording = self._index.recordings.get(str(named))
-        self._add("bag", source, at, recording.entry if recording else None, named, "recording")
+    def _bag(self, source: str, at: str, sha256: object) -> None:
+        recording = self._index.recordings.get(str(sha256))
+        self._add("bag", source, at, recording.entry if recording else None, sha256, "recording")
 
     # -- who names whom ------------------------------------------------------------------------
 
@@ -148,15 +152,15 @@ class Links:
             self.problems.append(Problem(entry.path, f"hashes.{SEAL}", text))
         for kind, name in _CELL_FILES:
             file = self._contents.beside(entry.path, name)
-            named = hashes.get(kind)
-            if named is None and file is None and kind != "labels":
+            sha256 = hashes.get(kind)
+            if sha256 is None and file is None and kind != "labels":
                 continue
             at = f"hashes.{kind}"
-            if file is not None and file.sha256 != named:
-                text = f"names {named}, and {name} beside it has {file.sha256}"
+            if file is not None and file.sha256 != sha256:
+                text = f"names {sha256}, and {name} beside it has {file.sha256}"
                 self.problems.append(Problem(entry.path, at, text))
             else:
-                self._add(kind, entry.path, at, file, named, f"file {name}")
+                self._add(kind, entry.path, at, file, sha256, f"file {name}")
         self._bag(entry.path, "hashes.bag", hashes.get("bag"))
         if "twin" in hashes:
             self._bag(entry.path, "hashes.twin", hashes["twin"])
@@ -173,31 +177,31 @@ class Links:
 
     def _verdict(self, path: str, recording: Recording, facts: Mapping[str, Any]) -> None:
         """Link the runner's verdict that a cell was evaluated with; a refused cell may lack it."""
-        named = facts["hashes"].get("verdict")
+        sha256 = facts["hashes"].get("verdict")
         copies = self._index.copies[recording.sha256]
         beside = [e for e in map(self._index.verdict_beside, copies) if e is not None]
-        if named is None and not beside and facts.get("status") == "refused":
+        if sha256 is None and not beside and facts.get("status") == "refused":
             return
-        file = nearest([e for e in beside if e.sha256 == named], path)
-        self._add("verdict", path, "hashes.verdict", file, named, "verdict")
+        file = nearest([e for e in beside if e.sha256 == sha256], path)
+        self._add("verdict", path, "hashes.verdict", file, sha256, "verdict")
 
     def _admission(self, entry: FileEntry, facts: Mapping[str, Any], bag: str) -> None:
         """Link the audit that a cell goes by, and compare its admission; skip an unaudited cell."""
         admission = facts.get("admission")
-        named = admission.get("audit_sha256") if isinstance(admission, dict) else None
-        if not isinstance(admission, dict) or named is None:
+        audit_sha256 = admission.get("audit_sha256") if isinstance(admission, dict) else None
+        if not isinstance(admission, dict) or audit_sha256 is None:
             return
         at = "admission.audit_sha256"
-        file = self._contents.with_hash(str(named), entry.path, "audit")
-        self._add("audit", entry.path, at, file, named, "audit")
+        file = self._contents.with_hash(str(audit_sha256), entry.path, "audit")
+        self._add("audit", entry.path, at, file, audit_sha256, "audit")
         if file is None:
             return
         audit = parse_model(Audit, self._contents.mapping(file), file.path)
-        told = said_of(audit, bag, facts["hashes"].get("verdict"))
-        if told != {admission.get("status")}:
+        statuses = said_of(audit, bag, facts["hashes"].get("verdict"))
+        if statuses != {admission.get("status")}:
             text = (
                 f"is {admission.get('status')}, and by {file.path} it is "
-                f"{', '.join(sorted(told)) or 'not known'}"
+                f"{', '.join(sorted(statuses)) or 'not known'}"
             )
             self.problems.append(Problem(entry.path, "admission.status", text))
 
@@ -215,16 +219,16 @@ class Links:
         place = self._index.place_of(audited)
         if place is None:
             return
-        if (named := audited.verdict_sha256) is not None:
+        if (sha256 := audited.verdict_sha256) is not None:
             file = self._index.verdict_beside(place)
-            file = file if file is not None and file.sha256 == named else None
-            self._add("verdict", path, f"{at}.verdict_sha256", file, named, "verdict")
-        if (named := audited.declaration_sha256) is not None:
+            file = file if file is not None and file.sha256 == sha256 else None
+            self._add("verdict", path, f"{at}.verdict_sha256", file, sha256, "verdict")
+        if (sha256 := audited.declaration_sha256) is not None:
             file = self._contents.beside(place.path, DECLARATION_FILE)
-            file = file if file is not None and file.sha256 == named else None
-            self._add("declaration", path, f"{at}.declaration_sha256", file, named, "declaration")
-        seen = {} if audited.observations is None else audited.observations.files
-        for name, digest in seen.items():
+            file = file if file is not None and file.sha256 == sha256 else None
+            self._add("declaration", path, f"{at}.declaration_sha256", file, sha256, "declaration")
+        observation_hashes = {} if audited.observations is None else audited.observations.files
+        for name, digest in observation_hashes.items():
             file = self._contents.with_hash(digest, place.path, "observation")
             field = f"{at}.observations.files.{name}"
             self._add("observation", path, field, file, digest, "observation")
@@ -238,9 +242,9 @@ class Links:
         value = self._contents.mapping(entry)
         if value.get("seal") is None:
             return
-        found = parse_model(Observation, value, entry.path)
-        check_seal(found, entry.path)
-        self._bag(entry.path, "bag_sha256", found.bag_sha256)
+        observation = parse_model(Observation, value, entry.path)
+        check_seal(observation, entry.path)
+        self._bag(entry.path, "bag_sha256", observation.bag_sha256)
 
     def _proposal(self, entry: FileEntry) -> None:
         value = self._contents.mapping(entry)
@@ -260,8 +264,8 @@ class Links:
         if task.place.kind == "site":
             self._version("site_version", path, "place.sha256", task.place.sha256, "site")
         else:
-            found = self._contents.with_hash(task.place.sha256, path)
-            self._add("map", path, "place.sha256", found, task.place.sha256, "map")
+            map_file = self._contents.with_hash(task.place.sha256, path)
+            self._add("map", path, "place.sha256", map_file, task.place.sha256, "map")
         if task.validated_by is not None:
             checked = task.validated_by
             self._bag(path, "validated_by.bag_sha256", checked.bag_sha256)
@@ -271,10 +275,10 @@ class Links:
     def _recording(self, recording: Recording) -> None:
         path = recording.entry.path
         if recording.video is not None:
-            named = recording.video.source.get("sha256")
-            video = self._contents.with_hash(str(named), path)
+            sha256 = recording.video.source.get("sha256")
+            video = self._contents.with_hash(str(sha256), path)
             at = f"{IMPORT_ATTACHMENT}:source.sha256"
-            self._add("source_video", path, at, video, named, "source video")
+            self._add("source_video", path, at, video, sha256, "source video")
             at = f"{IMPORT_ATTACHMENT}:event_version"
             self._version("event_version", path, at, recording.video.event_version, "K*")
         run = recording.run
@@ -284,14 +288,14 @@ class Links:
             data = recording.attachments.get(name)
             if data is None and name == SITE_FILE:
                 continue  # compiled for a map
-            named = None if data is None else sha256_bytes(data)
-            file = None if named is None else self._contents.with_hash(named, path, role)
+            sha256 = None if data is None else sha256_bytes(data)
+            file = None if sha256 is None else self._contents.with_hash(sha256, path, role)
             own = self._own(path, name)
-            if own is not None and named is not None and own.sha256 != named:
+            if own is not None and sha256 is not None and own.sha256 != sha256:
                 text = f"is not what lies in {own.path}"
                 self.problems.append(Problem(path, name, text))
             else:
-                self._add("attachment", path, name, own or file, named, f"attached {name}")
+                self._add("attachment", path, name, own or file, sha256, f"attached {name}")
         at = f"{RUN_ATTACHMENT}:event_version"
         self._version("event_version", path, at, run.event_version, "K*")
         at = f"{RUN_ATTACHMENT}:task_version"
@@ -319,14 +323,14 @@ class Links:
         if data is None:
             return
         path = recording.entry.path
-        named = sha256_bytes(data)
+        sha256 = sha256_bytes(data)
         own = self._own(path, LOG_FILE)
         logs = [
             entry
             for entry in ([own] if own is not None else self._contents.of("log"))
             if entry.bytes >= len(data) and self._contents.data(entry).startswith(data)
         ]
-        self._add("log", path, LOG_FILE, nearest(logs, path), named, f"attached {LOG_FILE}")
+        self._add("log", path, LOG_FILE, nearest(logs, path), sha256, f"attached {LOG_FILE}")
 
 
 def _a(what: str) -> str:
@@ -422,7 +426,7 @@ class Chains:
         self.problems.append(Problem(entry.path, field, text))
 
     def _lines(self, entry: FileEntry) -> Lines:
-        found = []
+        lines = []
         for number, line in _numbered(self._contents.text(entry)):
             value = parse_json_line(line, entry.path, number)
             if not isinstance(value, dict):
@@ -432,15 +436,15 @@ class Chains:
                     line=number,
                     remedy="put the file back, or evaluate the cell again",
                 )
-            found.append((LineRef(line=number, sha256=sha256_bytes(line.encode())), value))
-        return found
+            lines.append((LineRef(line=number, sha256=sha256_bytes(line.encode())), value))
+        return lines
 
     def _check_asked(
         self, raw_file: FileEntry, raw: Mapping[str, tuple[LineRef, Any]], requests: Lines
     ) -> None:
-        asked = {str(request.get("request_id")) for _, request in requests}
+        request_ids = {str(request.get("request_id")) for _, request in requests}
         for name, (ref, _) in raw.items():
-            if name not in asked:
+            if name not in request_ids:
                 self._problem(raw_file, f"{ref.line}:request_id", f"{name} was never asked")
 
     def _score(
@@ -452,13 +456,13 @@ class Chains:
     ) -> list[int | None]:
         """Index of each label's record; the stored score is compared with what these give."""
         stored = self._file(cell, SCORE_FILE)
-        told = check_score(self._contents.mapping(stored), stored.path)
-        given = facts.get("thresholds")
-        thresholds = DEFAULT if given is None else thresholds_of(given, cell)
+        stored_score = check_score(self._contents.mapping(stored), stored.path)
+        threshold_values = facts.get("thresholds")
+        thresholds = DEFAULT if threshold_values is None else thresholds_of(threshold_values, cell)
         score = score_cell(labels, records, thresholds)
         if facts["hashes"].get("thresholds") != thresholds.sha256:
             self.notes.append(f"{stored.path}: made with other thresholds, not scored again")
-        elif told != score.to_json():
+        elif stored_score != score.to_json():
             self._problem(stored, "", "is not what its records and labels give")
         return [judgement.record for judgement in score.details.judgements]
 
@@ -485,12 +489,14 @@ class Chains:
                 self.notes.append(note)
             return
         before = raw.get(str((request.get("previous") or {}).get("request_id")))
-        asked = asked_again(request, None if before is None else _response(before, raw_path))
+        adapter_request = asked_again(
+            request, None if before is None else _response(before, raw_path)
+        )
         again = record_of(
             record.t_s,
             response,
             str(facts.get("adapter")),
-            asked,
+            adapter_request,
             str(request.get("no_previous", "")),
             extractor,
         )
@@ -514,34 +520,34 @@ class Chains:
             # Blackened frames are in no recording, and shuffled ones stand at other stamps.
             self.notes.append(f"{entry.path}: a control, its frames are {condition}")
             recording = None
-        found: dict[int, list[SentFrame]] = {}
+        frames_by_line: dict[int, list[SentFrame]] = {}
         for ref, request in requests:
-            frames = found[ref.line] = []
+            frames = frames_by_line[ref.line] = []
             for number, frame in enumerate(_frames_of(request, entry, ref)):
                 frames.append(frame)
                 at = f"{ref.line}:frames[{number}].sha256"
                 if recording is not None and recording.frames.get(frame.stamp_ns) != frame.sha256:
                     text = f"is {frame.sha256}, and {recording.entry.path} has another frame there"
                     self._problem(entry, at, text)
-                kept = self._contents.with_hash(frame.sha256, entry.path, "frame")
-                if kept is not None:
+                frame_file = self._contents.with_hash(frame.sha256, entry.path, "frame")
+                if frame_file is not None:
                     self.links.append(
                         Link(
                             kind="frame",
                             source=entry.path,
                             at=at,
-                            target=kept.path,
+                            target=frame_file.path,
                             hash=frame.sha256,
                         )
                     )
-        return found
+        return frames_by_line
 
 
 @cache
 def _extractors() -> dict[str, Extractor]:
     """Return the extractors that need no LLM, by their hashes."""
-    known = (Extractor(), Extractor(use_reader=False))
-    return {extractor.sha256: extractor for extractor in known}
+    extractors = (Extractor(), Extractor(use_reader=False))
+    return {extractor.sha256: extractor for extractor in extractors}
 
 
 def _response(answer: tuple[LineRef, dict[str, Any]], path: str) -> Response:

@@ -82,15 +82,15 @@ def merged_log(parts: Iterable[tuple[str, str]]) -> str:
 
 
 def _entries(number: int, path: str, text: str) -> Iterator[Entry]:
-    seen: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     latest: datetime | None = None
     for place, record in enumerate(parse_log(text, path)):
         when = _time(record)
         latest = when if latest is None else max(latest, when)
         line = record_line(record)
         origin = {"path": path, "entry": place + 1}
-        yield Entry((latest, number, place), line, seen[line], origin)
-        seen[line] += 1
+        yield Entry((latest, number, place), line, counts[line], origin)
+        counts[line] += 1
 
 
 def _time(record: Record) -> datetime:

@@ -158,7 +158,7 @@ def collect(folders: Sequence[Path], out: Path) -> list[Source]:
     """
     _check_distinct(folders)
     names: dict[str, Path] = {}
-    found: list[Source] = []
+    sources: list[Source] = []
     for folder in folders:
         base = folder.resolve().name or "root"
         name = base
@@ -169,23 +169,25 @@ def collect(folders: Sequence[Path], out: Path) -> list[Source]:
         names[name] = folder
         for file in _files(folder, out.resolve()):
             path = "/".join((name, *file.relative_to(folder).parts))
-            found.append(Source(_utf8(path, file), file, file.stat().st_size))
-    if not found:
+            sources.append(Source(_utf8(path, file), file, file.stat().st_size))
+    if not sources:
         raise InputError("holds no files", file=folders[0], remedy="name folders with evidence")
-    return sorted(found, key=lambda source: source.path)
+    return sorted(sources, key=lambda source: source.path)
 
 
 def _check_distinct(folders: Sequence[Path]) -> None:
-    seen: list[tuple[Path, Path]] = []
+    real_paths: list[tuple[Path, Path]] = []
     for folder in folders:
         check_folder(folder, "name folders with evidence")
         real = folder.resolve()
-        for other, given in seen:
+        for other, other_folder in real_paths:
             if real == other or other in real.parents or real in other.parents:
                 raise InputError(
-                    f"and {given} hold the same files", file=folder, remedy="name each folder once"
+                    f"and {other_folder} hold the same files",
+                    file=folder,
+                    remedy="name each folder once",
                 )
-        seen.append((real, folder))
+        real_paths.append((real, folder))
 
 
 def _files(folder: Path, out: Path) -> Iterator[Path]:
@@ -340,10 +342,10 @@ def _store(source: Source, role: Role, scratch: Path, copy: bool, progress: Prog
     digest, size = hashlib.sha256(), 0
     try:
         with (
-            (incoming if linked else source.file).open("rb") as taken,
+            (incoming if linked else source.file).open("rb") as source_stream,
             nullcontext() if linked else incoming.open("wb") as stream,
         ):
-            while block := taken.read(_BLOCK_BYTES):
+            while block := source_stream.read(_BLOCK_BYTES):
                 digest.update(block)
                 size += len(block)
                 if stream is not None:
@@ -377,10 +379,10 @@ def _store_log(files: Sequence[FileEntry], scratch: Path) -> FileEntry:
 
 
 def _broken(problems: Sequence[Problem], out: Path) -> InputError:
-    shown = [str(problem) for problem in problems[:_SHOWN_PROBLEMS]]
-    if len(problems) > len(shown):
-        shown.append(f"and {len(problems) - len(shown)} more")
-    text = "\n  ".join(["can't be made, since not every link holds:", *shown])
+    lines = [str(problem) for problem in problems[:_SHOWN_PROBLEMS]]
+    if len(problems) > len(lines):
+        lines.append(f"and {len(problems) - len(lines)} more")
+    text = "\n  ".join(["can't be made, since not every link holds:", *lines])
     return InputError(
         text, file=out, remedy="name the folders that hold what is missing, and make the rest anew"
     )

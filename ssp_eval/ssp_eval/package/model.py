@@ -219,14 +219,14 @@ def load_table(folder: Path) -> Package:
             f"was changed: it is no JSON: {error}", file=path, remedy="get the package anew"
         ) from error
     package = parse_model(Package, value, path)
-    found = content_id(package)
-    if found != package.id or table_bytes(package) != data:
+    actual_id = content_id(package)
+    if actual_id != package.id or table_bytes(package) != data:
         raise InputError(
             "was changed after the package was made",
             file=path,
             field="id",
             value=package.id,
-            remedy=f"its content has {found}; get the package anew",
+            remedy=f"its content has {actual_id}; get the package anew",
         )
     _check_paths(package, path)
     return package
@@ -234,14 +234,14 @@ def load_table(folder: Path) -> Package:
 
 def _check_paths(package: Package, file: Path) -> None:
     """Refuse links and chains between files that the table doesn't list."""
-    known = {entry.path for entry in package.files}
-    named = {
+    paths = {entry.path for entry in package.files}
+    fields_by_path = {
         **{link.source: "links" for link in package.links},
         **{link.target: "links" for link in package.links},
         **{chain.cell: "chains" for chain in package.chains},
     }
-    for path, field in named.items():
-        if path not in known:
+    for path, field in fields_by_path.items():
+        if path not in paths:
             raise InputError(
                 "names a file that is not listed",
                 file=file,

@@ -40,10 +40,10 @@ class Comparison:
     problems: list[Problem] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
-    def hold(self, contents: Contents, page: FileEntry, drawn: str) -> None:
+    def hold(self, contents: Contents, page: FileEntry, remake: str) -> None:
         """Hold one page against the same page made anew."""
         self.compared.add(page.path)
-        if text := difference(contents.text(page), drawn):
+        if text := difference(contents.text(page), remake):
             self.problems.append(Problem(page.path, "", text))
 
     def add(self, other: Comparison) -> None:
@@ -65,8 +65,8 @@ class Comparison:
 def campaigns(contents: Contents) -> list[PurePosixPath]:
     """Return the folders of the campaigns that have a page."""
     paths = (PurePosixPath(entry.path) for entry in contents.of("cell"))
-    found = (p.parents[2] for p in paths if p.name == CELL_FILE and p.parent.parent.name == CELLS)
-    return [root for root in dict.fromkeys(found) if str(root / PAGE) in contents.by_path]
+    roots = (p.parents[2] for p in paths if p.name == CELL_FILE and p.parent.parent.name == CELLS)
+    return [root for root in dict.fromkeys(roots) if str(root / PAGE) in contents.by_path]
 
 
 def check_campaign(contents: Contents, root: PurePosixPath, folder: Path) -> Comparison:
@@ -77,31 +77,31 @@ def check_campaign(contents: Contents, root: PurePosixPath, folder: Path) -> Com
         root: the folder of the campaign in it.
         folder: a new one, in which the page is made.
     """
-    found = Comparison()
+    comparison = Comparison()
     page = contents.by_path[str(root / PAGE)]
     try:
-        _check(contents, root, page, folder, found)
+        _check(contents, root, page, folder, comparison)
     except InputError as error:
-        found.problems.append(Problem(page.path, "", f"can't be made again: {error}"))
-    return found
+        comparison.problems.append(Problem(page.path, "", f"can't be made again: {error}"))
+    return comparison
 
 
 def _check(
-    contents: Contents, root: PurePosixPath, page: FileEntry, folder: Path, found: Comparison
+    contents: Contents, root: PurePosixPath, page: FileEntry, folder: Path, comparison: Comparison
 ) -> None:
     making = making_of(contents.text(page), page.path)
     if making is None:
         text = "doesn't say by which options it was made; write it anew with `ssp report`"
-        found.problems.append(Problem(page.path, "", text))
+        comparison.problems.append(Problem(page.path, "", text))
         return
     if making.software != Making().software:
-        found.notes.append(
+        comparison.notes.append(
             f"{page.path}: made by {making.software}, and not compared with what ssp "
             f"{__version__} makes"
         )
         return
     if making.repeats:
-        found.notes.append(
+        comparison.notes.append(
             f"{page.path}: not compared, since answers of {making.repeats} other campaigns "
             "count in it"
         )
@@ -113,18 +113,18 @@ def _check(
         make_again(folder, making)
     except InputError as error:
         raise InputError(str(error).replace(f"{folder}/", f"{root}/")) from error
-    made = [folder / PAGE, *sorted((folder / FOLDER).glob("*.js"))]
-    for file in made:
+    files = [folder / PAGE, *sorted((folder / FOLDER).glob("*.js"))]
+    for file in files:
         path = str(root / file.relative_to(folder).as_posix())
         if path in there:
-            found.hold(contents, there.pop(path), file.read_text("utf-8"))
+            comparison.hold(contents, there.pop(path), file.read_text("utf-8"))
         else:
             text = f"lacks {path}, which holds details of a cell"
-            found.problems.append(Problem(page.path, "", text))
+            comparison.problems.append(Problem(page.path, "", text))
     for path in sorted(there):
         if path.startswith(details):
             text = "holds details of no cell of its campaign"
-            found.problems.append(Problem(path, "", text))
+            comparison.problems.append(Problem(path, "", text))
 
 
 def _lay_out(
@@ -151,14 +151,14 @@ def _lay_out(
             ) from error
 
 
-def difference(told: str, drawn: str) -> str:
+def difference(original: str, remake: str) -> str:
     """Say how a page differs from the same page made anew; empty: it doesn't.
 
     Words must be equal. A picture may have been rounded another way, by two grey levels on average.
     """
-    if told == drawn:
+    if original == remake:
         return ""
-    one, other = _PICTURE.split(told), _PICTURE.split(drawn)
+    one, other = _PICTURE.split(original), _PICTURE.split(remake)
     words = "\0".join(one[::2]), "\0".join(other[::2])
     if words[0] != words[1]:
         return _first_difference(*words)
@@ -168,18 +168,18 @@ def difference(told: str, drawn: str) -> str:
     return ""
 
 
-def _first_difference(told: str, drawn: str) -> str:
-    pairs = enumerate(zip(told, drawn, strict=False))
-    at = next((k for k, (a, b) in pairs if a != b), min(len(told), len(drawn)))
+def _first_difference(original: str, remake: str) -> str:
+    pairs = enumerate(zip(original, remake, strict=False))
+    at = next((k for k, (a, b) in pairs if a != b), min(len(original), len(remake)))
 
     def around(text: str) -> str:
         return " ".join(text[max(0, at - _AROUND // 2) : at + _AROUND].replace("\0", "…").split())
 
-    return f"says …{around(told)}…, and the files of the package give …{around(drawn)}…"
+    return f"says …{around(original)}…, and the files of the package give …{around(remake)}…"
 
 
-def _is_same_picture(told: str, drawn: str) -> bool:
-    one, other = _decoded(told), _decoded(drawn)
+def _is_same_picture(original: str, remake: str) -> bool:
+    one, other = _decoded(original), _decoded(remake)
     if one is None or other is None or one.shape != other.shape:
         return False
     return float(np.abs(one.astype(np.float32) - other.astype(np.float32)).mean()) <= _LEVELS

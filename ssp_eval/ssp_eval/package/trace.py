@@ -43,22 +43,22 @@ def find_cell(package: Package, name: str) -> FileEntry:
         InputError: there is none, or several.
     """
     cells = [entry for entry in package.files if entry.role == "cell"]
-    found = [
+    matches = [
         entry
         for entry in cells
         if name in (entry.path, *map(str, PurePosixPath(entry.path).parents))
         or PurePosixPath(entry.path).parent.name == name
     ]
-    if len(found) == 1:
-        return found[0]
-    if found:
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
         raise InputError(
-            f"names {len(found)} cells",
+            f"names {len(matches)} cells",
             value=name,
-            remedy=f"give the path: {', '.join(entry.path for entry in found)}",
+            remedy=f"give the path: {', '.join(entry.path for entry in matches)}",
         )
-    known = ", ".join(PurePosixPath(entry.path).parent.name for entry in cells) or "none"
-    raise InputError("is no cell of the package", value=name, remedy=f"its cells are {known}")
+    cell_names = ", ".join(PurePosixPath(entry.path).parent.name for entry in cells) or "none"
+    raise InputError("is no cell of the package", value=name, remedy=f"its cells are {cell_names}")
 
 
 class Walker:
@@ -184,16 +184,16 @@ class Walker:
             return entry
         path = self._contents.object(entry)
         try:
-            found = sha256_file(path)
+            sha256 = sha256_file(path)
         except OSError as error:
             raise InputError(
                 f"can't be read: {error.strerror}", file=entry.path, remedy="get the package anew"
             ) from error
-        if found != entry.sha256:
+        if sha256 != entry.sha256:
             raise InputError(
                 "was changed after the package was made",
                 file=entry.path,
-                value=found,
+                value=sha256,
                 remedy="`ssp package verify` names everything that was",
             )
         self._checked.add(entry.sha256)

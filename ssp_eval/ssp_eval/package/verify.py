@@ -85,18 +85,18 @@ class AuditFindings:
 
 def stored_audits(index: Index) -> list[StoredAudit]:
     """Read the audits that can be made again; one whose links lead nowhere is a problem already."""
-    found = list[StoredAudit]()
+    audits = list[StoredAudit]()
     for entry in index.contents.of("audit"):
         try:
-            told = parse_model(Audit, index.contents.mapping(entry), entry.path)
+            audit = parse_model(Audit, index.contents.mapping(entry), entry.path)
         except InputError:
             continue  # its links say so
-        places = [place for one in told.recordings if (place := index.place_of(one)) is not None]
-        event = nearest(index.events.get(str(told.event_version), ()), entry.path)
-        unknown = told.event_version is not None and event is None
-        if len(places) == len(told.recordings) and not unknown:
-            found.append(StoredAudit(entry, told, tuple(places), event))
-    return found
+        places = [place for one in audit.recordings if (place := index.place_of(one)) is not None]
+        event = nearest(index.events.get(str(audit.event_version), ()), entry.path)
+        unknown = audit.event_version is not None and event is None
+        if len(places) == len(audit.recordings) and not unknown:
+            audits.append(StoredAudit(entry, audit, tuple(places), event))
+    return audits
 
 
 def check_audit(contents: Contents, audit: StoredAudit, scratch: Path) -> AuditFindings:
@@ -108,24 +108,27 @@ def check_audit(contents: Contents, audit: StoredAudit, scratch: Path) -> AuditF
         scratch: a new folder, for links to the recordings.
     """
     findings = AuditFindings()
-    entry, told = audit.entry, audit.told
-    limits = None if told.response is None else told.response.limits
+    entry, original = audit.entry, audit.told
+    limits = None if original.response is None else original.response.limits
     try:
         event = _event(contents, audit.event)
-        found, drawn = judge_again(contents, audit.places, event, limits, scratch)
-        if told.software != found.software:
+        remake, page_pictures = judge_again(contents, audit.places, event, limits, scratch)
+        if original.software != remake.software:
             findings.notes.append(
-                f"{entry.path}: made by {told.software}, compared with what ssp {__version__} gives"
+                f"{entry.path}: made by {original.software}, compared with what ssp "
+                f"{__version__} gives"
             )
-        wrong = list(_compare(told, found))
+        wrong = list(_compare(original, remake))
         findings.problems += [Problem(entry.path, at, text) for at, text in wrong[:_AUDITS_SHOWN]]
         if len(wrong) > _AUDITS_SHOWN:
             text = f"{len(wrong) - _AUDITS_SHOWN} more values aren't what the recordings give"
             findings.problems.append(Problem(entry.path, "", text))
         page = contents.beside(entry.path, PAGE_FILE)
         # The page of an audit that doesn't hold would be compared with what is wrong itself.
-        if page is not None and not wrong and told.software == found.software:
-            findings.pages.hold(contents, page, render(_in_order_of(told, found), drawn))
+        if page is not None and not wrong and original.software == remake.software:
+            findings.pages.hold(
+                contents, page, render(_in_order_of(original, remake), page_pictures)
+            )
     except InputError as error:
         findings.problems.append(Problem(entry.path, "", f"can't be made again: {error}"))
     return findings
@@ -153,8 +156,8 @@ def judge_again(
         scratch.mkdir()
         for number, place in enumerate(places):
             recordings.append(read_recording(contents.lay_out(place, scratch / str(number))))
-        judged = judge(recordings, event, limits)
-        return judged.audit, draw(judged.examined)
+        judgement = judge(recordings, event, limits)
+        return judgement.audit, draw(judgement.examined)
     except InputError as error:
         text = str(error)
         for number in range(len(places)):
@@ -162,9 +165,9 @@ def judge_again(
         raise InputError(text) from error
 
 
-def _compare(told: Audit, found: Audit) -> Iterator[_Difference]:
+def _compare(original: Audit, remake: Audit) -> Iterator[_Difference]:
     """List the differences, verdicts first: the others rest on them."""
-    pairs = list(zip(told.recordings, found.recordings, strict=True))
+    pairs = list(zip(original.recordings, remake.recordings, strict=True))
     for number, (one, other) in enumerate(pairs):
         if one.status != other.status:
             yield _says(f"recordings[{number}].status", one.status, other.status)
@@ -179,13 +182,13 @@ def _compare(told: Audit, found: Audit) -> Iterator[_Difference]:
         ):
             yield from differing
     for number, (one, other) in enumerate(pairs):
-        seen = {"status", "reasons"} | _FREE_OF_RECORDING
-        yield from _keys(f"recordings[{number}].", _json(one), _json(other), seen)
-    free = _FREE_OF_AUDIT if told.response is not None else _FREE_OF_AUDIT | {"response"}
-    yield from _keys("", _json(told), _json(found), free)
+        exclusions = {"status", "reasons"} | _FREE_OF_RECORDING
+        yield from _keys(f"recordings[{number}].", _json(one), _json(other), exclusions)
+    free = _FREE_OF_AUDIT if original.response is not None else _FREE_OF_AUDIT | {"response"}
+    yield from _keys("", _json(original), _json(remake), free)
 
 
-def _in_order_of(told: Audit, found: Audit) -> Audit:
+def _in_order_of(original: Audit, remake: Audit) -> Audit:
     """Return an audit with its keys in the order in which they are judged, not in the file's."""
 
     def sorted_like(value: Any, other: Any) -> Any:
@@ -196,11 +199,11 @@ def _in_order_of(told: Audit, found: Audit) -> Audit:
             return [sorted_like(a, b) for a, b in zip(value, other, strict=True)]
         return value
 
-    return Audit.model_validate(sorted_like(_json(told), _json(found)))
+    return Audit.model_validate(sorted_like(_json(original), _json(remake)))
 
 
 def _codes(entry: RecordingEntry) -> list[str]:
-    return [found.code for reason in entry.reasons for found in (reason, *reason.consequences)]
+    return [finding.code for reason in entry.reasons for finding in (reason, *reason.consequences)]
 
 
 def _json(value: Audit | RecordingEntry) -> dict[str, Any]:
@@ -208,43 +211,43 @@ def _json(value: Audit | RecordingEntry) -> dict[str, Any]:
 
 
 def _keys(
-    prefix: str, told: dict[str, Any], found: dict[str, Any], without: set[str]
+    prefix: str, original: dict[str, Any], remake: dict[str, Any], without: set[str]
 ) -> Iterator[_Difference]:
-    for key in told:
+    for key in original:
         if key not in without:
-            yield from _differences(f"{prefix}{key}", told[key], found[key])
+            yield from _differences(f"{prefix}{key}", original[key], remake[key])
 
 
-def _differences(at: str, told: Any, found: Any) -> Iterator[_Difference]:
+def _differences(at: str, original: Any, remake: Any) -> Iterator[_Difference]:
     """Yield field and text of each value that differs."""
-    if isinstance(told, dict) and isinstance(found, dict):
-        for key in sorted({*told, *found}):
-            if key in told and key in found:
-                yield from _differences(f"{at}.{key}", told[key], found[key])
-            elif key in told:
+    if isinstance(original, dict) and isinstance(remake, dict):
+        for key in sorted({*original, *remake}):
+            if key in original and key in remake:
+                yield from _differences(f"{at}.{key}", original[key], remake[key])
+            elif key in original:
                 yield f"{at}.{key}", "isn't among what the recordings give"
             else:
-                yield f"{at}.{key}", f"is missing; the recordings give {_short(found[key])}"
-    elif isinstance(told, list) and isinstance(found, list) and len(told) == len(found):
-        for number, (one, other) in enumerate(zip(told, found, strict=True)):
+                yield f"{at}.{key}", f"is missing; the recordings give {_short(remake[key])}"
+    elif isinstance(original, list) and isinstance(remake, list) and len(original) == len(remake):
+        for number, (one, other) in enumerate(zip(original, remake, strict=True)):
             yield from _differences(f"{at}[{number}]", one, other)
-    elif not _same(told, found):
-        yield _says(at, told, found)
+    elif not _same(original, remake):
+        yield _says(at, original, remake)
 
 
-def _same(told: Any, found: Any) -> bool:
+def _same(original: Any, remake: Any) -> bool:
     numbers = [
         value
-        for value in (told, found)
+        for value in (original, remake)
         if isinstance(value, int | float) and not isinstance(value, bool)
     ]
     if len(numbers) == 2:
         return math.isclose(*numbers, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE)
-    return type(told) is type(found) and bool(told == found)
+    return type(original) is type(remake) and bool(original == remake)
 
 
-def _says(at: str, told: Any, found: Any) -> _Difference:
-    return at, f"says {_short(told)}, and the recordings give {_short(found)}"
+def _says(at: str, original: Any, remake: Any) -> _Difference:
+    return at, f"says {_short(original)}, and the recordings give {_short(remake)}"
 
 
 def _short(value: Any) -> str:
@@ -306,11 +309,11 @@ def work_out(
         for comparison in results(of_campaigns):
             pages.add(comparison)
     pages.say_what_was_not_compared(contents)
-    found = [*links.found, *chains.links]
+    all_links = [*links.found, *chains.links]
     return Findings(
-        links=sorted(found, key=lambda link: (link.source, link.at, link.target)),
+        links=sorted(all_links, key=lambda link: (link.source, link.at, link.target)),
         chains=chains.found,
-        missing=missing_parts(index, links.cells, found),
+        missing=missing_parts(index, links.cells, all_links),
         problems=list(
             dict.fromkeys(
                 [
@@ -431,43 +434,43 @@ def _bytes(folder: Path, package: Package, progress: Progress) -> Iterable[Findi
         kind, text = problem
         for entry in entries:
             yield Finding(kind, entry.path, name, text, _breaks(package, entry.path))
-    known = {object_path(folder, sha256).name for sha256 in by_hash}
+    object_names = {object_path(folder, sha256).name for sha256 in by_hash}
     yield from _superfluous(folder, {TABLE_FILE, OBJECTS}, "")
     if (folder / OBJECTS).is_symlink():
         text = "is a link, and the bytes lie outside the package"
         yield Finding("changed", OBJECTS, OBJECTS, text)
     elif (folder / OBJECTS).is_dir():
-        yield from _superfluous(folder / OBJECTS, known, f"{OBJECTS}/")
+        yield from _superfluous(folder / OBJECTS, object_names, f"{OBJECTS}/")
 
 
 def _problem(path: Path, sha256: str, size: int, progress: Progress) -> tuple[str, str] | None:
     """Say what is wrong with an object, None where it is as it was."""
-    digest, found = hashlib.sha256(), 0
+    digest, byte_count = hashlib.sha256(), 0
     try:
         if not stat.S_ISREG(path.lstat().st_mode):
             return "changed", "is no plain file any more"
         with path.open("rb") as stream:
             while block := stream.read(_BLOCK_BYTES):
                 digest.update(block)
-                found += len(block)
+                byte_count += len(block)
                 progress.bytes(len(block))
     except FileNotFoundError:
         return "missing", "is not there any more"
     except OSError as error:
         return "changed", f"can't be read: {error.strerror}"
     if f"sha256:{digest.hexdigest()}" != sha256:
-        return "changed", f"was changed: its {found} bytes have sha256:{digest.hexdigest()}"
-    if found != size:
-        return "changed", f"has {found} bytes, and {TABLE_FILE} says {size}"
+        return "changed", f"was changed: its {byte_count} bytes have sha256:{digest.hexdigest()}"
+    if byte_count != size:
+        return "changed", f"has {byte_count} bytes, and {TABLE_FILE} says {size}"
     return None
 
 
-def _superfluous(folder: Path, known: set[str], prefix: str) -> Iterable[Finding]:
+def _superfluous(folder: Path, names: set[str], prefix: str) -> Iterable[Finding]:
     for name in sorted(os.listdir(folder)):
-        if name not in known:
-            shown = f"{prefix}{name}".encode("utf-8", "replace").decode()
+        if name not in names:
+            printable_path = f"{prefix}{name}".encode("utf-8", "replace").decode()
             text = f"is not in {TABLE_FILE}"
-            yield Finding("superfluous", shown, shown, text)
+            yield Finding("superfluous", printable_path, printable_path, text)
 
 
 def _breaks(package: Package, path: str) -> tuple[str, ...]:
@@ -485,14 +488,14 @@ def _breaks(package: Package, path: str) -> tuple[str, ...]:
     scores: dict[str, int] = {}
     for chain in package.chains:
         scores[chain.cell] = scores.get(chain.cell, 0) + 1
-    found = []
+    dependents = []
     for other in sorted(reached):
         role = roles.get(other)
         if role == "cell":
-            found.append(f"{scores.get(other, 0)} scores of {other}")
+            dependents.append(f"{scores.get(other, 0)} scores of {other}")
         elif role in ("audit", "task", "recording") and other != path:
-            found.append(f"{role} {other}")
-    return tuple(found)
+            dependents.append(f"{role} {other}")
+    return tuple(dependents)
 
 
 def _follow(
@@ -504,9 +507,9 @@ def _follow(
 ) -> None:
     """Work the links out anew and compare them with the table."""
     contents = Contents(folder, package.files)
-    found = work_out(contents, on_step, workers)
-    verdict.notes += found.notes
-    for problem in found.problems:
+    findings = work_out(contents, on_step, workers)
+    verdict.notes += findings.notes
+    for problem in findings.problems:
         at = f"{problem.field}: " if problem.field else ""
         verdict.findings.append(
             Finding(
@@ -517,22 +520,22 @@ def _follow(
                 _breaks(package, problem.file),
             )
         )
-    for name, told, worked_out in (
-        ("links", _lines(package.links), _lines(found.links)),
-        ("chains", _lines(package.chains), _lines(found.chains)),
-        ("missing", package.missing, found.missing),
+    for name, table_lines, worked_out in (
+        ("links", _lines(package.links), _lines(findings.links)),
+        ("chains", _lines(package.chains), _lines(findings.chains)),
+        ("missing", package.missing, findings.missing),
     ):
         for text, items in (
-            ("says what its files don't", set(told).difference(worked_out)),
-            ("lacks what its files say", set(worked_out).difference(told)),
+            ("says what its files don't", set(table_lines).difference(worked_out)),
+            ("lacks what its files say", set(worked_out).difference(table_lines)),
         ):
             verdict.findings += [
                 Finding("table", TABLE_FILE, TABLE_FILE, f"{name}: {text}: {item}")
                 for item in sorted(items)[:_SHOWN]
             ]
     verdict.findings += _log(contents)
-    verdict.links = len(found.links)
-    verdict.scores = len(found.chains)
+    verdict.links = len(findings.links)
+    verdict.scores = len(findings.chains)
 
 
 def _lines(items: Iterable[Link | Chain]) -> list[str]:

@@ -102,8 +102,8 @@ def compare_change(
     if not pairs:
         return []
     ahead = _road_ahead(footage.lens, footage.optics.mounting)
-    found = (_change(footage, first, second, object_id, ahead) for first, second in pairs)
-    return [change for change in found if change is not None]
+    changes = (_change(footage, first, second, object_id, ahead) for first, second in pairs)
+    return [change for change in changes if change is not None]
 
 
 def _change(
@@ -166,9 +166,9 @@ def _off_px(changed: NDArray[np.float32], box: Mask, road: Mask) -> int | None:
     """Return how far beside the box the change lies that stands out most from both its sides."""
     rows = np.flatnonzero((box & road).any(axis=1))
     columns = np.flatnonzero(box.any(axis=0))
-    part, known = changed[rows[0] : rows[-1] + 1], road[rows[0] : rows[-1] + 1]
-    total = np.concatenate([[0.0], np.cumsum(np.where(known, part, 0.0).sum(axis=0))])
-    count = np.concatenate([[0.0], np.cumsum(known.sum(axis=0))])
+    part, road_part = changed[rows[0] : rows[-1] + 1], road[rows[0] : rows[-1] + 1]
+    total = np.concatenate([[0.0], np.cumsum(np.where(road_part, part, 0.0).sum(axis=0))])
+    count = np.concatenate([[0.0], np.cumsum(road_part.sum(axis=0))])
     left, right = int(columns[0]), int(columns[-1]) + 1
     width, last = right - left, box.shape[1]
     flank = max(2, width // 2)
@@ -179,7 +179,7 @@ def _off_px(changed: NDArray[np.float32], box: Mask, road: Mask) -> int | None:
         return float((total[end] - total[start]) / cells) if cells >= 4 else math.nan
 
     best = -math.inf
-    found: int | None = None
+    offset_px: int | None = None
     reach = round(_REACH_WIDTHS * width)
     for by in sorted(range(-reach, reach + 1), key=abs):
         inside = mean(left + by, right + by)
@@ -189,8 +189,8 @@ def _off_px(changed: NDArray[np.float32], box: Mask, road: Mask) -> int | None:
             continue
         stands_out = inside - sum(known_sides) / len(known_sides)
         if stands_out > best + 1e-9:
-            best, found = stands_out, by
-    return found
+            best, offset_px = stands_out, by
+    return offset_px
 
 
 def _of_ground(view: View) -> FloatArray:

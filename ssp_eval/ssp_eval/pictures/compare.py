@@ -116,11 +116,11 @@ def plan_pairs(
     wide = pairs_apart(times_s, _CHANGE_APART_S, len(times_s), set(usable))
     change = {}
     for target in targets:
-        shown = [pair for pair in wide if is_shown(unread, pair[1], target)]
-        aside = [pair for pair in shown if is_aside(unread, pair[1], target)]
-        rest = [pair for pair in shown if pair not in set(aside)]
-        chosen = [*spread(aside, _ASIDE_PAIRS), *spread(rest, _CHANGE_PAIRS - _ASIDE_PAIRS)]
-        change[target] = sorted(chosen)
+        visible_pairs = [pair for pair in wide if is_shown(unread, pair[1], target)]
+        aside = [pair for pair in visible_pairs if is_aside(unread, pair[1], target)]
+        rest = [pair for pair in visible_pairs if pair not in set(aside)]
+        target_pairs = [*spread(aside, _ASIDE_PAIRS), *spread(rest, _CHANGE_PAIRS - _ASIDE_PAIRS)]
+        change[target] = sorted(target_pairs)
     starts = {first for first, _ in spread(road, _FAR_PAIRS)}
     far = [pair for pair in wide if pair[0] in starts]
     return Plan(road, far, change, frames_apart(moments, vut_id, usable))
@@ -172,26 +172,26 @@ def compare_pictures(footage: Footage, plan: Plan, lanes: Road | None = None) ->
     if lanes is not None:
         sides = compare_sides(footage, [k for k in plan.sides if k in footage.grey], lanes)
     checks.append(sides_check(sides, lanes is not None, _told_otherwise(checks, change)))
-    for target, found in change.items():
-        checks += [change_check(target, found), place_check(target, found)]
+    for target, changes in change.items():
+        checks += [change_check(target, changes), place_check(target, changes)]
     return PictureFigures(tuple(checks), tuple(road), tuple(turns), change)
 
 
-def _open(name: str, why: str, judged: int = 0) -> PictureCheck:
-    return PictureCheck(name=name, figure=None, judged=judged, told=why)
+def _open(name: str, why: str, sample_count: int = 0) -> PictureCheck:
+    return PictureCheck(name=name, figure=None, judged=sample_count, told=why)
 
 
 def _figure(
     name: str,
     figure: float,
     limits: tuple[float | None, float | None],
-    judged: int,
-    told: str,
+    sample_count: int,
+    finding: str,
     unit: str = "",
 ) -> PictureCheck:
     low, high = limits
     return PictureCheck(
-        name=name, figure=figure, unit=unit, low=low, high=high, judged=judged, told=told
+        name=name, figure=figure, unit=unit, low=low, high=high, judged=sample_count, told=finding
     )
 
 
@@ -220,19 +220,21 @@ def road_checks(pairs: Sequence[Pair]) -> list[PictureCheck]:
     if len(moving) < _LEAST_PAIRS:
         why = f"the VUT stands or creeps in all but {len(moving)} pairs of frames"
         return [_open(name, why, len(moving)) for name in names]
-    known = [pair for pair in moving if pair.is_followed]
-    if len(known) < max(_LEAST_PAIRS, len(moving) / 2.0):
+    usable_pairs = [pair for pair in moving if pair.is_followed]
+    if len(usable_pairs) < max(_LEAST_PAIRS, len(moving) / 2.0):
         still = sum(pair.is_still for pair in moving)
-        why = f"the road could be followed in {len(known)} of {len(moving)} pairs of frames"
+        why = f"the road could be followed in {len(usable_pairs)} of {len(moving)} pairs of frames"
         if still:
             why += f"; in {still} what is seen stands still, as artefacts of compression do"
-        return [_open(name, why, len(known)) for name in names]
-    ratio = max(_RATIOS, key=lambda r: _fit(known, [r * pair.way_m for pair in known]))
+        return [_open(name, why, len(usable_pairs)) for name in names]
+    ratio = max(
+        _RATIOS, key=lambda r: _fit(usable_pairs, [r * pair.way_m for pair in usable_pairs])
+    )
     speed = _figure(
         names[0],
         ratio,
         RATIO_LIMITS,
-        len(known),
+        len(usable_pairs),
         f"the road moves {ratio:.2f} times as fast as recorded",
     )
     scale = min(max(ratio, RATIO_LIMITS[0]), RATIO_LIMITS[1])
@@ -250,8 +252,8 @@ def road_checks(pairs: Sequence[Pair]) -> list[PictureCheck]:
 
 
 def _fit(pairs: Sequence[Pair], ways_m: Sequence[float]) -> float:
-    found = mean_match(pairs, ways_m)
-    return found if math.isfinite(found) else -math.inf
+    correlation = mean_match(pairs, ways_m)
+    return correlation if math.isfinite(correlation) else -math.inf
 
 
 def _time_check(name: str, pairs: Sequence[Pair]) -> PictureCheck:
@@ -268,22 +270,22 @@ def _time_check(name: str, pairs: Sequence[Pair]) -> PictureCheck:
         apart_mps = np.minimum(np.abs(scaled_mps - expected_mps), _MISTAKEN_MPS)
         return float(apart_mps.mean(axis=1).min())
 
-    found = {lag_s: left_over_mps(lag_s) for lag_s in _LAGS_S}
+    misfits_mps = {lag_s: left_over_mps(lag_s) for lag_s in _LAGS_S}
 
     def best_of(lags_s: Iterable[float]) -> float:
-        return min(lags_s, key=lambda lag_s: (found[lag_s], abs(lag_s)))
+        return min(lags_s, key=lambda lag_s: (misfits_mps[lag_s], abs(lag_s)))
 
     best_s = best_of(_LAGS_S)
     beside_s = [lag_s for lag_s in _LAGS_S if abs(lag_s - best_s) >= _KNOWN_LAG_S - 1e-9]
-    least_mps = max(_LAG_RISE_MPS, _LAG_RISE_SHARE * found[best_s])
-    if found[best_of(beside_s)] - found[best_s] < least_mps:
+    least_mps = max(_LAG_RISE_MPS, _LAG_RISE_SHARE * misfits_mps[best_s])
+    if misfits_mps[best_of(beside_s)] - misfits_mps[best_s] < least_mps:
         return _open(name, "the speed changes too little to tell a delay", len(pairs))
     sound_s = best_of(lag_s for lag_s in _LAGS_S if abs(lag_s) <= LAG_LIMIT_S + 1e-9)
-    if found[sound_s] - found[best_s] < _OFF_RISE_MPS:
+    if misfits_mps[sound_s] - misfits_mps[best_s] < _OFF_RISE_MPS:
         best_s = sound_s
     where = "ahead of" if best_s > 0.0 else "behind"
-    told = f"the speeds fit best where the pictures are {abs(best_s):.1f} s {where} the states"
-    return _figure(name, best_s, (-LAG_LIMIT_S, LAG_LIMIT_S), len(pairs), told, "s")
+    finding = f"the speeds fit best where the pictures are {abs(best_s):.1f} s {where} the states"
+    return _figure(name, best_s, (-LAG_LIMIT_S, LAG_LIMIT_S), len(pairs), finding, "s")
 
 
 def turning_check(turns: Sequence[Turn]) -> PictureCheck:
@@ -292,16 +294,18 @@ def turning_check(turns: Sequence[Turn]) -> PictureCheck:
     if len(turns) < _LEAST_PAIRS:
         return _open(name, f"points could be followed in {len(turns)} pairs of frames", len(turns))
     recorded = np.array([turn.recorded_radps for turn in turns])
-    seen = np.array([turn.seen_radps for turn in turns])
+    picture_radps = np.array([turn.seen_radps for turn in turns])
     turned = np.abs(recorded) >= _TURNING_RADPS
     if turned.sum() >= _LEAST_TURNS:
         # The median: a pair in which points were mistaken moves nothing.
-        share = float(np.median(seen[turned] / recorded[turned]))
-        told = f"the pictures turn {share:.2f} times as fast as recorded"
-        return _figure(name, share, TURN_LIMITS, int(turned.sum()), told)
-    rate_radps = float(np.median(np.abs(seen - recorded)))
-    told = f"the pictures turn by {rate_radps:.3f} rad/s other than the VUT, which drives straight"
-    return _figure(name, rate_radps, (None, STRAIGHT_LIMIT_RADPS), len(turns), told, "rad/s")
+        share = float(np.median(picture_radps[turned] / recorded[turned]))
+        finding = f"the pictures turn {share:.2f} times as fast as recorded"
+        return _figure(name, share, TURN_LIMITS, int(turned.sum()), finding)
+    rate_radps = float(np.median(np.abs(picture_radps - recorded)))
+    finding = (
+        f"the pictures turn by {rate_radps:.3f} rad/s other than the VUT, which drives straight"
+    )
+    return _figure(name, rate_radps, (None, STRAIGHT_LIMIT_RADPS), len(turns), finding, "rad/s")
 
 
 def order_check(
@@ -329,32 +333,32 @@ def order_check(
     # From one frame each: what a drive shows in one stretch says nothing of another.
     close = [differ(first, second[first]) for first, _ in starts]
     share = median(one / max(other, 1e-9) for one, other in zip(close, apart, strict=True))
-    told = (
+    finding = (
         f"frames {_ROAD_APART_S:g} s apart differ {share:.2f} times as much as frames "
         f"{_CHANGE_APART_S:g} s apart"
     )
-    return _figure(name, share, (None, ORDER_LIMIT), len(starts), told)
+    return _figure(name, share, (None, ORDER_LIMIT), len(starts), finding)
 
 
-def change_check(target: str, found: Sequence[Change]) -> PictureCheck:
+def change_check(target: str, changes: Sequence[Change]) -> PictureCheck:
     """Judge whether an object is where its states say.
 
     Pairs in which its mirror image would lie elsewhere must hold by themselves: an object straight
     ahead is where its mirror image is.
     """
-    if len(found) < _LEAST_PAIRS:
-        why = f"it is large, clear and before the road in {len(found)} pairs of frames"
-        return _open(target, why, len(found))
-    factor = median(one.factor for one in found)
+    if len(changes) < _LEAST_PAIRS:
+        why = f"it is large, clear and before the road in {len(changes)} pairs of frames"
+        return _open(target, why, len(changes))
+    factor = median(one.factor for one in changes)
     elsewhere = ""
-    beside = _aside(found)
+    beside = _aside(changes)
     if len(beside) >= _LEAST_ASIDE:
         aside = median(one.factor for one in beside)
         mirrored = median(one.mirrored_factor or 0.0 for one in beside)
         factor = min(factor, aside)
         elsewhere = f", and {mirrored:.2f} times as much where a mirrored picture had it"
-    told = f"{factor:.2f} times as much changes in its box as on the road beside it{elsewhere}"
-    return _figure(target, factor, (CHANGE_LIMIT, None), len(found), told)
+    finding = f"{factor:.2f} times as much changes in its box as on the road beside it{elsewhere}"
+    return _figure(target, factor, (CHANGE_LIMIT, None), len(changes), finding)
 
 
 def _told_otherwise(checks: Sequence[PictureCheck], change: Mapping[str, Sequence[Change]]) -> str:
@@ -362,53 +366,53 @@ def _told_otherwise(checks: Sequence[PictureCheck], change: Mapping[str, Sequenc
     turning = next(check for check in checks if check.name == "turning")
     if turning.figure is not None and not turning.unit:
         return "its turning does"
-    aside = [target for target, found in change.items() if len(_aside(found)) >= _LEAST_ASIDE]
+    aside = [target for target, changes in change.items() if len(_aside(changes)) >= _LEAST_ASIDE]
     return f"the place of {aside[0]} does" if aside else ""
 
 
-def sides_check(found: Sides | None, has_lanes: bool, otherwise: str) -> PictureCheck:
+def sides_check(sides: Sides | None, has_lanes: bool, otherwise: str) -> PictureCheck:
     """Judge whether the lanes lie on the side of the pictures on which the road has them.
 
     Args:
-        found: comparison of both sides; None: there was nothing to compare.
+        sides: comparison of both sides; None: there was nothing to compare.
         has_lanes: a road is bound to the recording.
         otherwise: what else tells left from right; empty: nothing.
     """
     why = ""
     if not has_lanes:
         why = "the recording has no road whose lanes could tell left from right"
-    elif found is None:
+    elif sides is None:
         why = "too little of the road is seen to tell left from right by its lanes"
-    elif found.differing < _DIFFERING:
+    elif sides.differing < _DIFFERING:
         why = "the lanes of the road are alike to the left and right of the VUT"
-    elif max(found.fit, found.mirrored) < _LEAST_FIT:
+    elif max(sides.fit, sides.mirrored) < _LEAST_FIT:
         why = "lane borders do not stand out in the pictures"
-    elif abs(found.fit - found.mirrored) < -SIDES_LIMIT:
+    elif abs(sides.fit - sides.mirrored) < -SIDES_LIMIT:
         why = "lane borders fit the pictures and their mirror images alike"
-    if found is None or why:
+    if sides is None or why:
         rest = otherwise or "nothing else does, so that mirrored pictures would not be seen"
-        return _open(SIDES, f"{why}; {rest}", 0 if found is None else found.judged)
-    told = (
-        f"lane borders fit the pictures by {found.fit:.2f}, and their mirror images by "
-        f"{found.mirrored:.2f}"
+        return _open(SIDES, f"{why}; {rest}", 0 if sides is None else sides.judged)
+    finding = (
+        f"lane borders fit the pictures by {sides.fit:.2f}, and their mirror images by "
+        f"{sides.mirrored:.2f}"
     )
-    return _figure(SIDES, found.fit - found.mirrored, (SIDES_LIMIT, None), found.judged, told)
+    return _figure(SIDES, sides.fit - sides.mirrored, (SIDES_LIMIT, None), sides.judged, finding)
 
 
-def _aside(found: Sequence[Change]) -> list[Change]:
+def _aside(changes: Sequence[Change]) -> list[Change]:
     """Return the pairs in which a mirrored picture would have the object elsewhere."""
-    return [one for one in found if one.mirrored is not None]
+    return [one for one in changes if one.mirrored is not None]
 
 
-def place_check(target: str, found: Sequence[Change]) -> PictureCheck:
+def place_check(target: str, changes: Sequence[Change]) -> PictureCheck:
     """Tell how far beside an object's box the change lies: in three of four pairs no further.
 
     It has no limit: places from other systems are sound and off by decimetres.
     """
     name = f"place of {target}"
-    off_m = [abs(one.off_m) for one in found if one.off_m is not None]
+    off_m = [abs(one.off_m) for one in changes if one.off_m is not None]
     if len(off_m) < _LEAST_PAIRS:
         return _open(name, f"change stands out in {len(off_m)} pairs of frames", len(off_m))
     figure_m = float(np.percentile(off_m, 75))
-    told = f"in three of four pairs the change lies within {figure_m:.2f} m of the box"
-    return _figure(name, figure_m, (None, None), len(off_m), told, "m")
+    finding = f"in three of four pairs the change lies within {figure_m:.2f} m of the box"
+    return _figure(name, figure_m, (None, None), len(off_m), finding, "m")

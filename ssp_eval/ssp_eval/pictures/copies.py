@@ -67,5 +67,5 @@ def same_pictures(first: Details, second: Details) -> int:
         int(np.count_nonzero((one @ view.T).max(axis=1) >= SAME))
         for view in (other, mirrored(other))
     ]
-    found = max(counts)
-    return found if found >= max(LEAST_SAME, LEAST_SHARE * len(one)) else 0
+    count = max(counts)
+    return count if count >= max(LEAST_SAME, LEAST_SHARE * len(one)) else 0

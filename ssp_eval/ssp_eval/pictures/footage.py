@@ -113,14 +113,14 @@ def pairs_apart(
     Returns:
         Pairs of indices, the earlier frame first.
     """
-    found = []
-    chosen = sorted(usable)
-    chosen_s = [times_s[index] for index in chosen]
-    for first, first_s in zip(chosen, chosen_s, strict=True):
+    pairs = []
+    indices = sorted(usable)
+    chosen_s = [times_s[index] for index in indices]
+    for first, first_s in zip(indices, chosen_s, strict=True):
         place = bisect_left(chosen_s, first_s + apart_s - 0.02)
-        if place < len(chosen) and chosen_s[place] - first_s <= apart_s + 0.15:
-            found.append((first, chosen[place]))
-    return spread(found, most)
+        if place < len(indices) and chosen_s[place] - first_s <= apart_s + 0.15:
+            pairs.append((first, indices[place]))
+    return spread(pairs, most)
 
 
 def spread(items: Sequence[Item], most: int) -> list[Item]:
@@ -131,7 +131,7 @@ def spread(items: Sequence[Item], most: int) -> list[Item]:
 
 
 def read_grey(
-    path: Path, moments: Sequence[Moment], provenance: Provenance, wanted: Collection[int]
+    path: Path, moments: Sequence[Moment], provenance: Provenance, indices: Collection[int]
 ) -> dict[int, Grey]:
     """Read frames of a bag as reduced grey pictures.
 
@@ -139,27 +139,27 @@ def read_grey(
         path: folder or MCAP file of the bag.
         moments: of its frames.
         provenance: of the recording.
-        wanted: indices into ``moments``.
+        indices: into ``moments``.
 
     Raises:
         InputError: a frame is no picture.
     """
-    frames = _read(path, moments, provenance, wanted, cv2.IMREAD_GRAYSCALE)
+    frames = _read(path, moments, provenance, indices, cv2.IMREAD_GRAYSCALE)
     return {index: reduced(grey) for index, grey in frames}
 
 
 def read_quarter(
-    path: Path, moments: Sequence[Moment], provenance: Provenance, wanted: Collection[int]
+    path: Path, moments: Sequence[Moment], provenance: Provenance, indices: Collection[int]
 ) -> dict[int, Grey]:
     """Read frames of a bag as grey pictures of a quarter of their width; see read_grey."""
-    return dict(_read(path, moments, provenance, wanted, cv2.IMREAD_REDUCED_GRAYSCALE_4))
+    return dict(_read(path, moments, provenance, indices, cv2.IMREAD_REDUCED_GRAYSCALE_4))
 
 
 def read_small(
-    path: Path, moments: Sequence[Moment], provenance: Provenance, wanted: Collection[int]
+    path: Path, moments: Sequence[Moment], provenance: Provenance, indices: Collection[int]
 ) -> dict[int, Float32]:
     """Read frames of a bag as small pictures, which costs less; see read_grey."""
-    frames = _read(path, moments, provenance, wanted, cv2.IMREAD_REDUCED_GRAYSCALE_4)
+    frames = _read(path, moments, provenance, indices, cv2.IMREAD_REDUCED_GRAYSCALE_4)
     return {index: coarse(grey) for index, grey in frames}
 
 
@@ -167,7 +167,7 @@ def _read(
     path: Path,
     moments: Sequence[Moment],
     provenance: Provenance,
-    wanted: Collection[int],
+    indices: Collection[int],
     mode: int,
 ) -> Iterator[tuple[int, Grey]]:
     """Yield indices and pictures of frames, decoded in a mode of cv2; each index once."""
@@ -181,7 +181,7 @@ def _read(
         for stamp_ns in stamps_ns:
             t_s = ns_to_seconds(stamp_ns - zero_ns)
             index = bisect_left(times_s, t_s - _SAME_S)
-            if index in wanted and abs(times_s[index] - t_s) <= _SAME_S:
+            if index in indices and abs(times_s[index] - t_s) <= _SAME_S:
                 index_of.setdefault(stamp_ns, index)
         if index_of:
             for frame in Frames(bag, _IMAGE).jpegs(stamps=frozenset(index_of)):

@@ -125,18 +125,18 @@ def compare_ground(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[P
         pairs: indices of frames with a picture and a state of the VUT, the earlier one first.
     """
     strips: dict[float, _Strip] = {}
-    seen: dict[tuple[int, float], _Seen] = {}
+    views_by_frame: dict[tuple[int, float], _Seen] = {}
 
     def view(index: int, bend_1pm: float) -> _Seen:
-        if (index, bend_1pm) not in seen:
+        if (index, bend_1pm) not in views_by_frame:
             if bend_1pm not in strips:
                 strips[bend_1pm] = _Strip.of(footage.lens, footage.optics.mounting, bend_1pm)
-            seen[index, bend_1pm] = strips[bend_1pm].resampled(
+            views_by_frame[index, bend_1pm] = strips[bend_1pm].resampled(
                 footage.grey[index], free_road(footage, index)
             )
-        return seen[index, bend_1pm]
+        return views_by_frame[index, bend_1pm]
 
-    found = []
+    road_pairs = []
     for first, second in pairs:
         before, after = footage.moments[first], footage.moments[second]
         apart_s = after.t_s - before.t_s
@@ -159,8 +159,8 @@ def compare_ground(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[P
                 if half.is_followed and agrees(half.seen_mps, half.speed_mps)
             )
             pair = next(agreeing, pair)
-        found.append(pair)
-    return found
+        road_pairs.append(pair)
+    return road_pairs
 
 
 def _halves(views: tuple[_Seen, _Seen]) -> Iterator[tuple[_Seen, _Seen]]:
@@ -252,11 +252,13 @@ class _Strip:
             & (self.v_px < height - 1.0)
         )
         mask: Mask = np.asarray(inside & clear, np.bool_)
-        shown = np.where(mask, road, 0).astype(np.float32)
+        masked_road = np.where(mask, road, 0).astype(np.float32)
         along = (1, round(_ALONG_M / _STEP_M))
         count = cv2.blur(mask.astype(np.float32), along)
-        mean = cv2.blur(shown, along) / np.maximum(count, 1e-3)
-        detail = cv2.GaussianBlur(np.where(mask, shown - mean, 0.0).astype(np.float32), (3, 3), 0)
+        mean = cv2.blur(masked_road, along) / np.maximum(count, 1e-3)
+        detail = cv2.GaussianBlur(
+            np.where(mask, masked_road - mean, 0.0).astype(np.float32), (3, 3), 0
+        )
         return np.asarray(detail * mask, np.float32), mask
 
 
@@ -284,6 +286,6 @@ def _correlate(before: _Seen, after: _Seen, apart_s: float) -> tuple[FloatArray,
 
 def mean_match(pairs: Sequence[Pair], ways_m: Sequence[float]) -> float:
     """Return the mean correlation if the VUT went these ways; NaN where none was tried."""
-    found = [pair.match_at(way_m) for pair, way_m in zip(pairs, ways_m, strict=True)]
-    known = [value for value in found if math.isfinite(value)]
-    return math.fsum(known) / len(known) if known else math.nan
+    matches = [pair.match_at(way_m) for pair, way_m in zip(pairs, ways_m, strict=True)]
+    finite_matches = [value for value in matches if math.isfinite(value)]
+    return math.fsum(finite_matches) / len(finite_matches) if finite_matches else math.nan

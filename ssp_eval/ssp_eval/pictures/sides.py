@@ -70,14 +70,14 @@ def frames_apart(moments: Sequence[Moment], vut_id: str, usable: Sequence[int]) 
         vut_id: id of the VUT.
         usable: indices to choose from, rising.
     """
-    found: list[int] = []
+    frames: list[int] = []
     last: ObjectState | None = None
     for index in usable:
         state = moments[index].states[vut_id]
         if last is None or math.hypot(state.x_m - last.x_m, state.y_m - last.y_m) >= _APART_M:
-            found.append(index)
+            frames.append(index)
             last = state
-    return spread(found, _MOST_FRAMES)
+    return spread(frames, _MOST_FRAMES)
 
 
 def compare_sides(footage: Footage, indices: Sequence[int], road: Road) -> Sides | None:
@@ -90,35 +90,35 @@ def compare_sides(footage: Footage, indices: Sequence[int], road: Road) -> Sides
     """
     line, borders_m = ReferenceLine.of_road(road), _borders_m(road)
     mounting = footage.optics.mounting
-    found: list[_Fit] = []
-    judged = 0
+    fits: list[_Fit] = []
+    frame_count = 0
     for pitch_rad in _PITCHES_RAD:
         lower = replace(mounting, pitch_down_rad=mounting.pitch_down_rad + pitch_rad)
         turned = replace(footage, optics=replace(footage.optics, mounting=lower))
         strips = [strip for k in indices if (strip := _Strip.of(turned, k, line)) is not None]
         if len(strips) >= _LEAST_FRAMES:
-            judged = len(strips)
-            found += _fits(_Edges.of(strips), borders_m)
-    if not found:
+            frame_count = len(strips)
+            fits += _fits(_Edges.of(strips), borders_m)
+    if not fits:
         return None
     return Sides(
-        max(one.common + _WEIGHT * one.opposed for one in found) / (1.0 + _WEIGHT),
-        max(one.common - _WEIGHT * one.opposed for one in found) / (1.0 + _WEIGHT),
-        float(np.median([one.differing for one in found])),
-        judged,
+        max(one.common + _WEIGHT * one.opposed for one in fits) / (1.0 + _WEIGHT),
+        max(one.common - _WEIGHT * one.opposed for one in fits) / (1.0 + _WEIGHT),
+        float(np.median([one.differing for one in fits])),
+        frame_count,
     )
 
 
 def _borders_m(road: Road) -> list[float]:
     """Return the offsets of lane borders and of the outer edges of sidewalks."""
-    found = {
+    offsets_m = {
         round(lane.y_m + half * lane.width_m, 2) for lane in road.lanes for half in (-0.5, 0.5)
     }
     if road.sidewalk_left_m > 0.0:
-        found.add(road.left_edge_m + road.sidewalk_left_m)
+        offsets_m.add(road.left_edge_m + road.sidewalk_left_m)
     if road.sidewalk_right_m > 0.0:
-        found.add(road.right_edge_m - road.sidewalk_right_m)
-    return sorted(found)
+        offsets_m.add(road.right_edge_m - road.sidewalk_right_m)
+    return sorted(offsets_m)
 
 
 @dataclass(frozen=True)
@@ -150,10 +150,10 @@ class _Strip:
         x_m, y_m, yaw_rad = np.array([(at.x_m, at.y_m, at.yaw_rad) for at in ahead]).T[:, :, None]
         ground_m = np.zeros((len(ahead), len(left_m)))
         places = [x_m - left_m * np.sin(yaw_rad), y_m + left_m * np.cos(yaw_rad), ground_m]
-        seen = project(footage.view(index), np.stack(places, axis=-1))
+        pixels = project(footage.view(index), np.stack(places, axis=-1))
         u_px, v_px = (
             np.nan_to_num(px, nan=-1.0).astype(np.float32).reshape(ground_m.shape)
-            for px in (seen.u_px, seen.v_px)
+            for px in (pixels.u_px, pixels.v_px)
         )
         return cls(first, place_m, _edges(footage, index, u_px, v_px))
 
@@ -166,11 +166,11 @@ def _edges(footage: Footage, index: int, u_px: Float32, v_px: Float32) -> FloatA
     clear = cv2.remap(free, u_px, v_px, cv2.INTER_NEAREST) > 0
     clear &= (u_px >= 0.0) & (u_px < width - 1.0) & (v_px >= 0.0) & (v_px < height - 1.0)
     grey = cv2.remap(picture, u_px, v_px, cv2.INTER_LINEAR).astype(np.float64)
-    across, known = np.zeros_like(grey), np.zeros_like(clear)
+    across, mask = np.zeros_like(grey), np.zeros_like(clear)
     across[:, 1:-1] = grey[:, 2:] - grey[:, :-2]
-    known[:, 1:-1] = clear[:, 2:] & clear[:, :-2]
-    count = known.sum(axis=0)
-    mean = (across * known).sum(axis=0) / np.maximum(count, 1)
+    mask[:, 1:-1] = clear[:, 2:] & clear[:, :-2]
+    count = mask.sum(axis=0)
+    mean = (across * mask).sum(axis=0) / np.maximum(count, 1)
     return np.where(count >= _LEAST_PLACES, mean, np.nan)
 
 
@@ -206,13 +206,13 @@ class _Edges:
         return cls(offsets_m, np.asarray(usual, np.float64), place_m)
 
     def at(self, offsets_m: FloatArray) -> FloatArray:
-        known = np.isfinite(self.strength)
-        if not known.any():
+        mask = np.isfinite(self.strength)
+        if not mask.any():
             return np.full(len(offsets_m), np.nan)
-        found = np.interp(
-            offsets_m, self.offsets_m[known], self.strength[known], left=np.nan, right=np.nan
+        strengths = np.interp(
+            offsets_m, self.offsets_m[mask], self.strength[mask], left=np.nan, right=np.nan
         )
-        return np.asarray(found, np.float64)
+        return np.asarray(strengths, np.float64)
 
 
 @dataclass(frozen=True)
@@ -234,24 +234,24 @@ def _fits(edges: _Edges, borders_m: Sequence[float]) -> list[_Fit]:
     """Correlate edges with borders at each shift of the VUT's place."""
     beside_m = np.arange(_NEAREST_M, _REACH_M, _STEP_M)
     left, right = (_bumps(edges.place_m + side * beside_m, borders_m) for side in (1.0, -1.0))
-    found = []
+    fits = []
     for shift_m in _SHIFTS_M:
         middle_m = edges.place_m + shift_m
         seen_left, seen_right = edges.at(middle_m + beside_m), edges.at(middle_m - beside_m)
-        known = np.isfinite(seen_left) & np.isfinite(seen_right)
-        if known.sum() < _LEAST_OFFSETS:
+        mask = np.isfinite(seen_left) & np.isfinite(seen_right)
+        if mask.sum() < _LEAST_OFFSETS:
             continue
-        both, seen_both = ((a + b)[known] for a, b in ((left, right), (seen_left, seen_right)))
-        apart, seen_apart = ((a - b)[known] for a, b in ((left, right), (seen_left, seen_right)))
-        total = float((left**2 + right**2)[known].sum())
-        found.append(
+        both, seen_both = ((a + b)[mask] for a, b in ((left, right), (seen_left, seen_right)))
+        apart, seen_apart = ((a - b)[mask] for a, b in ((left, right), (seen_left, seen_right)))
+        total = float((left**2 + right**2)[mask].sum())
+        fits.append(
             _Fit(
                 _correlation(both - both.mean(), seen_both - seen_both.mean()),
                 _correlation(apart, seen_apart),
                 float(apart @ apart) / max(total, 1e-9),
             )
         )
-    return found
+    return fits
 
 
 def _correlation(one: FloatArray, other: FloatArray) -> float:

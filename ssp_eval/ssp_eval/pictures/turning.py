@@ -54,7 +54,7 @@ def compare_turning(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[
         footage: pictures and states of the recording.
         pairs: indices of frames with a picture and a state of the VUT, the earlier one first.
     """
-    found = []
+    turns = []
     for first, second in pairs:
         before, after = footage.moments[first], footage.moments[second]
         at, to = before.states[footage.vut_id], after.states[footage.vut_id]
@@ -65,8 +65,8 @@ def compare_turning(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[
         ahead_m = footage.optics.mounting.forward_m
         seen_rad = _rotation(*tracked, way_m, ahead_m)
         recorded_radps = _recorded(footage, (before.t_s + after.t_s) / 2.0)
-        found.append(Turn(before.t_s, recorded_radps, seen_rad / (after.t_s - before.t_s)))
-    return found
+        turns.append(Turn(before.t_s, recorded_radps, seen_rad / (after.t_s - before.t_s)))
+    return turns
 
 
 def _recorded(footage: Footage, t_s: float) -> float:
@@ -97,17 +97,17 @@ def _tracked(footage: Footage, first: int, second: int) -> tuple[FloatArray, Flo
         if box is not None:
             left, top, right, bottom = (round(edge) for edge in box)
             mask[max(0, top - 2) : bottom + 3, max(0, left - 2) : right + 3] = 0
-    found: Any = cv2.goodFeaturesToTrack(old, _MOST_POINTS, 0.02, 7.0, mask=mask, blockSize=5)
-    if found is None:
+    corners: Any = cv2.goodFeaturesToTrack(old, _MOST_POINTS, 0.02, 7.0, mask=mask, blockSize=5)
+    if corners is None:
         return None
-    points = np.asarray(found, np.float32).reshape(-1, 2)
+    points = np.asarray(corners, np.float32).reshape(-1, 2)
     there, ahead = _follow(old, new, points)
     again, back = _follow(new, old, there)
-    kept = ahead & back & (np.linalg.norm(again - points, axis=1) < _BACK_PX)
-    if kept.sum() < _LEAST_POINTS:
+    inliers = ahead & back & (np.linalg.norm(again - points, axis=1) < _BACK_PX)
+    if inliers.sum() < _LEAST_POINTS:
         return None
     lens, mounting = footage.lens, footage.optics.mounting
-    return _slopes(points[kept], lens, mounting), _slopes(there[kept], lens, mounting)
+    return _slopes(points[inliers], lens, mounting), _slopes(there[inliers], lens, mounting)
 
 
 def _follow(old: Grey, new: Grey, points: Points) -> tuple[Points, Mask]:

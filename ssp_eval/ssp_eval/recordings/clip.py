@@ -138,10 +138,10 @@ class BagContent(Closing):
 def _state(file: Path) -> tuple[int, int]:
     # Not the number of the file: some network file systems give a new one each time.
     try:
-        found = os.stat(file)
+        status = os.stat(file)
     except OSError as error:
         raise not_read(file, error) from error
-    return found.st_size, found.st_mtime_ns
+    return status.st_size, status.st_mtime_ns
 
 
 _IMAGE = absolute(CAMERA_IMAGE)
@@ -197,13 +197,13 @@ class KeptQuestions:
             self._rules = rules
         return self._kept.get(label_t_s)
 
-    def put(self, label_t_s: float, found: Question | NoQuestion) -> None:
+    def put(self, label_t_s: float, question: Question | NoQuestion) -> None:
         """Keep a question under the rules of the last ``get``, if there is room."""
-        frames = found.request.frames if isinstance(found, Question) else ()
+        frames = question.request.frames if isinstance(question, Question) else ()
         size = sum(len(frame.jpeg) for frame in frames)
         if size <= self._left_bytes:
             self._left_bytes -= size
-            self._kept[label_t_s] = found
+            self._kept[label_t_s] = question
 
 
 class Clip(Closing):
@@ -325,12 +325,12 @@ class Clip(Closing):
         Raises:
             InputError: a file of the bag can't be read, or was changed since the clip was opened.
         """
-        found = self._kept.get(label_t_s, rules)
-        if found is None:
+        question = self._kept.get(label_t_s, rules)
+        if question is None:
             with self._content.watched():
-                found = self._question(label_t_s, rules)
-            self._kept.put(label_t_s, found)
-        return found
+                question = self._question(label_t_s, rules)
+            self._kept.put(label_t_s, question)
+        return question
 
     def last_arrived(
         self, frames: Sequence[Frame], is_lost: Callable[[int], bool]
@@ -347,19 +347,19 @@ class Clip(Closing):
         Raises:
             InputError: a file of the bag can't be read, or was changed since the clip was opened.
         """
-        shown = {}
+        entries = {}
         for frame in frames:
             index = bisect_left(self._frames.stamps_ns, frame.stamp_ns)
             while index >= 0 and is_lost(self._frames.stamps_ns[index]):
                 index -= 1
-            shown[frame.stamp_ns] = self._frames[index] if index >= 0 else None
+            entries[frame.stamp_ns] = self._frames[index] if index >= 0 else None
         with self._content.watched():
-            came = [entry for entry in shown.values() if entry is not None]
-            found = {f.stamp_ns: f.jpeg for f in self._fetch(came)} if came else {}
+            arrivals = [entry for entry in entries.values() if entry is not None]
+            jpegs = {f.stamp_ns: f.jpeg for f in self._fetch(arrivals)} if arrivals else {}
         return tuple(
             frame
-            if (entry := shown[frame.stamp_ns]) is None
-            else replace(frame, jpeg=found[entry.stamp_ns])
+            if (entry := entries[frame.stamp_ns]) is None
+            else replace(frame, jpeg=jpegs[entry.stamp_ns])
             for frame in frames
         )
 
@@ -416,14 +416,14 @@ class Clip(Closing):
         )
         return Question(label_t_s, ns_to_seconds(stamp - self.start_ns), request)
 
-    def _fetch(self, chosen: list[_Entry]) -> tuple[Frame, ...]:
-        wanted = {frame.stamp_ns for frame in chosen}
-        start_ns = min(frame.log_time_ns for frame in chosen)
-        stop_ns = max(frame.log_time_ns for frame in chosen) + 1
-        found: dict[int, bytes] = {}
-        for frame in Frames(self._bag, _IMAGE).jpegs(start_ns, stop_ns, wanted):
-            found.setdefault(frame.stamp_ns, frame.data)
-        return tuple(Frame(stamp, found[stamp]) for stamp in sorted(found))
+    def _fetch(self, entries: list[_Entry]) -> tuple[Frame, ...]:
+        stamps_ns = {frame.stamp_ns for frame in entries}
+        start_ns = min(frame.log_time_ns for frame in entries)
+        stop_ns = max(frame.log_time_ns for frame in entries) + 1
+        jpegs: dict[int, bytes] = {}
+        for frame in Frames(self._bag, _IMAGE).jpegs(start_ns, stop_ns, stamps_ns):
+            jpegs.setdefault(frame.stamp_ns, frame.data)
+        return tuple(Frame(stamp, jpegs[stamp]) for stamp in sorted(jpegs))
 
     def _history(self, now_ns: int, rules: Preprocessing) -> tuple[EgoSample, ...]:
         """Return ego samples up to a time, oldest first; empty without a recent state."""
@@ -434,10 +434,10 @@ class Clip(Closing):
             return ()
         reach_ns = seconds_to_ns(rules.history_s + rules.history_spacing_s)
         first = max(0, bisect_right(self._states.stamps_ns, now_ns - reach_ns) - 1)
-        found = self._fetch_states(first, newest)
+        messages = self._fetch_states(first, newest)
 
         def state(index: int) -> ObjectState:
-            return object_state(self._bag.decode(found[self._states[index]]))
+            return object_state(self._bag.decode(messages[self._states[index]]))
 
         return ego_history(self._states.stamps_ns, state, now_ns, rules)
 

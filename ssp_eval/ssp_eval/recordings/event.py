@@ -116,13 +116,13 @@ def source_times(event: Event) -> dict[str, Span]:
         InputError: a time has no unit of time.
     """
     parts = event.events
-    given = {"start": parts.clip.start, "end": parts.clip.end}
-    given |= {name: getattr(parts, name).start for name in EVENT_PHASES}
-    found = {}
-    for name, quantity in given.items():
+    quantities = {"start": parts.clip.start, "end": parts.clip.end}
+    quantities |= {name: getattr(parts, name).start for name in EVENT_PHASES}
+    spans = {}
+    for name, quantity in quantities.items():
         if not isinstance(quantity, str) and None not in (quantity.min, quantity.max):
-            found[name] = _span(quantity)
-    return found
+            spans[name] = _span(quantity)
+    return spans
 
 
 def phase_starts(event: Event) -> dict[str, float]:

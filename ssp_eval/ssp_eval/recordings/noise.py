@@ -26,17 +26,17 @@ def step_noises_m(sightings: Iterable[Sighting], ids: Iterable[str]) -> dict[str
     It is the median over steps of ``|distance of the two places - mean of the two speeds * time|``,
     while the participant moves. One with fewer than 40 such steps is left out.
     """
-    wanted = frozenset(ids)
-    rows: dict[str, dict[float, Sighting]] = {who: {} for who in sorted(wanted)}
+    object_ids = frozenset(ids)
+    rows: dict[str, dict[float, Sighting]] = {who: {} for who in sorted(object_ids)}
     for one in sightings:
-        if one.source == one.object_id and one.object_id in wanted:
+        if one.source == one.object_id and one.object_id in object_ids:
             rows[one.object_id][one.t_s] = one
-    found = {}
+    noises_m = {}
     for who, by_time in rows.items():
         steps = _steps_m([by_time[t_s] for t_s in sorted(by_time)])
         if len(steps) >= _FEWEST_STEPS:
-            found[who] = median(steps)
-    return found
+            noises_m[who] = median(steps)
+    return noises_m
 
 
 def _steps_m(states: list[Sighting]) -> list[float]:
@@ -48,8 +48,8 @@ def _steps_m(states: list[Sighting]) -> list[float]:
     apart_s = np.diff(times_s)
     mean_mps = (speeds_mps[1:] + speeds_mps[:-1]) / 2.0
     wrong_m = np.abs(np.hypot(np.diff(x_m), np.diff(y_m)) - mean_mps * apart_s)
-    kept = (apart_s <= _LONGEST_STEP_S) & (mean_mps > MOVING_MPS)
-    return [float(value) for value in wrong_m[kept]]
+    mask = (apart_s <= _LONGEST_STEP_S) & (mean_mps > MOVING_MPS)
+    return [float(value) for value in wrong_m[mask]]
 
 
 def noise_text(noises_m: dict[str, float]) -> str:

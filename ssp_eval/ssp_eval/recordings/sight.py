@@ -178,17 +178,17 @@ def zone_share(
 
 
 def _in_image(view: View, points: FloatArray) -> tuple[np.ndarray, FloatArray]:
-    seen = project(view, points)
+    projection = project(view, points)
     lens = view.intrinsics
     with np.errstate(invalid="ignore"):
         inside = (
-            seen.in_front
-            & (seen.u_px >= -0.5)
-            & (seen.u_px <= lens.width_px - 0.5)
-            & (seen.v_px >= -0.5)
-            & (seen.v_px <= lens.height_px - 0.5)
+            projection.in_front
+            & (projection.u_px >= -0.5)
+            & (projection.u_px <= lens.width_px - 0.5)
+            & (projection.v_px >= -0.5)
+            & (projection.v_px <= lens.height_px - 0.5)
         )
-    return inside, seen.v_px
+    return inside, projection.v_px
 
 
 def object_sight(

@@ -89,7 +89,7 @@ def board_of(event: Event, seed: int, lanes: tuple[int, int] | None = None) -> S
     kind = KINDS.get(interaction.type)
     motion, class_ = _DRAWN.get(interaction.type, ("", ""))
     initiator = event.participants[interaction.initiator]
-    found = {
+    comparisons = {
         "interaction.dominant_motion": (interaction.dominant_motion, motion),
         f"participants.{interaction.initiator}.class": (initiator.class_, class_),
         "topology.segment": (
@@ -98,18 +98,18 @@ def board_of(event: Event, seed: int, lanes: tuple[int, int] | None = None) -> S
         ),
         "topology.vut_lane": (road.vut_lane.value, "rightmost"),
     }
-    for field, (value, drawn) in found.items():
-        if value != drawn:
+    for field, (value, generator_value) in comparisons.items():
+        if value != generator_value:
             raise InputError(
                 "can't be drawn by the project's clip generator",
                 file=event.name,
                 field=field,
                 value=value,
-                remedy=f"it draws {drawn or 'no such event'}; name a source clip of your own in "
-                "source.sha256 for any other",
+                remedy=f"it draws {generator_value or 'no such event'}; name a source clip of your "
+                "own in source.sha256 for any other",
             )
-    shown = [road.lanes_same_direction.value, road.lanes_opposite.value]
-    same, opposite = (count if isinstance(count, int) else 2 for count in shown)
+    lane_counts = [road.lanes_same_direction.value, road.lanes_opposite.value]
+    same, opposite = (count if isinstance(count, int) else 2 for count in lane_counts)
     board = clip.board_of(interaction.type, seed, *(lanes or (same, opposite)))
     return with_further(board, [_further(event, name) for name in further_ids(event)])
 
@@ -155,8 +155,10 @@ def measure_clip(event: Event, board: Storyboard) -> ClipPhases:
     thresholds = rules_of(event).thresholds
     road = Polyline(board.vut_path)
     kind = KINDS[event.interaction.type]
-    found = find_event(samples, road, thresholds, observable=kind.observable) if samples else None
-    if found is None or found.conflict_s is None or found.resolution_s is None:
+    detection = (
+        find_event(samples, road, thresholds, observable=kind.observable) if samples else None
+    )
+    if detection is None or detection.conflict_s is None or detection.resolution_s is None:
         raise InputError(
             "has no conflict that begins and ends in the clip, by its own ids and thresholds",
             file=event.name,
@@ -165,7 +167,7 @@ def measure_clip(event: Event, board: Storyboard) -> ClipPhases:
             remedy="other thresholds, another --seed, or the ids vut, ot1 and ot2",
         )
     others = [instants_of(series, event.vut_id, name) for name in further_ids(event)]
-    for intrusion in first_intrusions(others, road, thresholds, found.resolution_s):
+    for intrusion in first_intrusions(others, road, thresholds, detection.resolution_s):
         raise InputError(
             f"would show another conflict: {intrusion.text(thresholds)}",
             file=event.name,
@@ -174,7 +176,11 @@ def measure_clip(event: Event, board: Storyboard) -> ClipPhases:
         )
     _keep_clear(event, series)
     starts_s = dict(
-        zip(PHASES, (times[0], found.trigger_s, found.conflict_s, found.resolution_s), strict=True)
+        zip(
+            PHASES,
+            (times[0], detection.trigger_s, detection.conflict_s, detection.resolution_s),
+            strict=True,
+        )
     )
     frames = {phase: round(t_s * board.fps) for phase, t_s in starts_s.items()}
     return ClipPhases(starts_s, frames, len(times) - 1, board.fps)
@@ -200,9 +206,11 @@ def _keep_clear(event: Event, series: Series) -> None:
                     )
 
 
-def bound_event(event: Event, board: Storyboard, drawn: ClipPhases, sha256: str) -> Event:
+def bound_event(event: Event, board: Storyboard, phases: ClipPhases, sha256: str) -> Event:
     """Return the event as this clip shows it: source, parts T and E, and the seals that held."""
-    held = {path for path, seal in seals(event).items() if event.uncertainty[path].seal == seal}
+    sealed_paths = {
+        path for path, seal in seals(event).items() if event.uncertainty[path].seal == seal
+    }
     counts = sum(lane.direction == "forward" for lane in board.road.lanes)
     original = f"{board.scenario} seed {board.seed}"
     opposite = len(board.road.lanes) - counts
@@ -216,40 +224,40 @@ def bound_event(event: Event, board: Storyboard, drawn: ClipPhases, sha256: str)
         "rate": _at(board.fps, "Hz"),
     }
     value["topology"] = topology_with_lanes(event.topology, counts, opposite)
-    value["events"] = _events(board, drawn)
+    value["events"] = _events(board, phases)
     value["uncertainty"] = {
-        path: entry | {"source": _source(entry["source"], event, original, drawn)}
+        path: entry | {"source": _source(entry["source"], event, original, phases)}
         for path, entry in value["uncertainty"].items()
     }
-    return seal_event(Event.model_validate(value), sorted(held))
+    return seal_event(Event.model_validate(value), sorted(sealed_paths))
 
 
-def _events(board: Storyboard, drawn: ClipPhases) -> dict[str, Any]:
+def _events(board: Storyboard, phases: ClipPhases) -> dict[str, Any]:
     """Return part E: exact starts, and evidence from each phase's first frame to the next."""
-    ends = [*(drawn.first_frames[phase] for phase in PHASES), drawn.last_frame]
+    ends = [*(phases.first_frames[phase] for phase in PHASES), phases.last_frame]
     part: dict[str, Any] = {"clip": {"start": _at(0.0, "s"), "end": _at(board.duration_s, "s")}}
     for phase, (first, last) in zip(PHASES, pairwise(ends), strict=True):
-        span_s = [round(frame / drawn.fps, 3) for frame in (first, last)]
+        span_s = [round(frame / phases.fps, 3) for frame in (first, last)]
         part[phase] = {
-            "start": _at(round(drawn.starts_s[phase], 3), "s"),
+            "start": _at(round(phases.starts_s[phase], 3), "s"),
             "evidence": [{"frames": [first, last], "span_s": span_s}],
         }
     return part
 
 
-def _source(text: str, event: Event, original: str, drawn: ClipPhases) -> str:
+def _source(text: str, event: Event, original: str, phases: ClipPhases) -> str:
     """Convert frames of the clip before into frames of this one."""
     old = f"{event.source.generator} {event.source.original}"
-    before, found, after = text.partition(old)
-    if not found:
+    before, separator, after = text.partition(old)
+    if not separator:
         return text
     frames = {}
     for phase in PHASES:
         evidence = getattr(event.events, phase).evidence[0].frames
         if evidence is not None:
-            frames[evidence[0]] = drawn.first_frames[phase]
+            frames[evidence[0]] = phases.first_frames[phase]
             if phase == "resolution":
-                frames[evidence[1]] = drawn.last_frame
+                frames[evidence[1]] = phases.last_frame
 
     def of_this_clip(numbers: re.Match[str]) -> str:
         return re.sub(r"\d+", lambda n: str(frames.get(int(n[0]), n[0])), numbers[0])
@@ -264,10 +272,10 @@ def _at(value: float, unit: str) -> dict[str, Any]:
 def _lanes(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
-    found = re.fullmatch(r"(\d)\+(\d)", text)
-    if found is None:
+    match = re.fullmatch(r"(\d)\+(\d)", text)
+    if match is None:
         raise click.BadParameter(f"{text}: type lanes with and against the VUT, such as 1+1")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
 @click.command("clip")
@@ -304,13 +312,13 @@ def clip_command(
     """
     k_star, version, path = checked_event(event)
     board = board_of(k_star, seed, lanes)
-    drawn = measure_clip(k_star, board)
+    phases = measure_clip(k_star, board)
     video = out / f"{k_star.name}.mp4"
     bound_path = out / f"{k_star.name}.event.yaml"
     for file in (video, bound_path):
         if file.exists() and not force:
             raise InputError("exists already", file=file, remedy="another --out, or --force")
-    failures = check_event(bound_event(k_star, board, drawn, f"sha256:{'0' * 64}"))
+    failures = check_event(bound_event(k_star, board, phases, f"sha256:{'0' * 64}"))
     if failures:
         raise EventRefused(path, failures)
     with (
@@ -319,7 +327,7 @@ def clip_command(
     ):
         task = bar.task_ids[0]
         clip.write_clip(board, scratch / video.name, lambda: bar.advance(task))
-        bound = bound_event(k_star, board, drawn, sha256_file(scratch / video.name))
+        bound = bound_event(k_star, board, phases, sha256_file(scratch / video.name))
         write_event(scratch / bound_path.name, bound)
     append_records(log_path(bound_path), [_record(bound, board, version)])
     click.echo(console.visible(f"{video}\n{clip.truth_path(video)}\n{bound_path}"))

@@ -134,11 +134,11 @@ def read_states(bag: BagReader, provenance: Provenance, zero_ns: int | None) -> 
     sightings = Packed(Sighting)
     series: Series = _world_states(bag, zero_ns, sightings)
     source = f"ground truth ({WORLD_TICK})"
-    found = object_states(bag, who.ids)
+    states_by_id = object_states(bag, who.ids)
     reported: dict[str, _Reported] = {}
     tracking_m: dict[str, tuple[float, float]] = {}
-    for name in list(found):
-        times_s, states = _reported(found.pop(name), zero_ns, is_session)
+    for name in list(states_by_id):
+        times_s, states = _reported(states_by_id.pop(name), zero_ns, is_session)
         for t_s, state in zip(times_s, states, strict=True):
             sightings.append(_sighting(t_s, name, state, state.sequence))
             if state.reference_id:
@@ -194,7 +194,7 @@ def _reported(states: Packed[ObjectState], zero_ns: int, is_session: bool) -> _R
     does, as a vehicle without such states, says OFF all the time and means nothing by it.
     """
     names_states = any(state.control_state is not ControlState.OFF for state in states)
-    times_s, found = array("d"), Packed(ObjectState)
+    times_s, own_states = array("d"), Packed(ObjectState)
     for state in states:
         t_s = ns_to_seconds(state.stamp_ns - zero_ns)
         # Before a session's start its states repeat.
@@ -202,8 +202,8 @@ def _reported(states: Packed[ObjectState], zero_ns: int, is_session: bool) -> _R
         is_off = names_states and state.control_state is ControlState.OFF
         if begun and not is_off and state.is_finite:
             times_s.append(t_s)
-            found.append(state)
-    return times_s, found
+            own_states.append(state)
+    return times_s, own_states
 
 
 def _sighting(t_s: float, source: str, state: ObjectState, sequence: int) -> Sighting:

@@ -94,10 +94,10 @@ class SameDrive:
 
 def tracks_of(sightings: Iterable[Sighting], ids: Iterable[str]) -> list[dict[str, Track]]:
     """Return tracks by id, once for each kind of source: the world's, and the participants' own."""
-    wanted = frozenset(ids)
+    object_ids = frozenset(ids)
     rows: dict[bool, dict[str, dict[float, complex]]] = {}
     for one in sightings:
-        if one.object_id in wanted:
+        if one.object_id in object_ids:
             is_own = one.source == one.object_id
             of_id = rows.setdefault(is_own, {}).setdefault(one.object_id, {})
             of_id[one.t_s] = complex(one.x_m, one.y_m)
@@ -121,15 +121,15 @@ def same_drive(
     """
     if vut[0] not in first or vut[1] not in second:
         return None
-    found = None
+    best = None
     for one, other in product(sorted(first.keys() - {vut[0]}), sorted(second.keys() - {vut[1]})):
         a, b = _Pair(first[vut[0]], first[one]), _Pair(second[vut[1]], second[other])
         if not a.is_usable or not b.is_usable:
             continue
         same = _compare(a, b)
-        if same is not None and (found is None or same.rms_m < found.rms_m):
-            found = same
-    return found
+        if same is not None and (best is None or same.rms_m < best.rms_m):
+            best = same
+    return best
 
 
 class _Pair:
@@ -167,10 +167,10 @@ class _Pair:
     def place_m(self, which: int, times_s: Numbers) -> Places:
         """Return the places of one of the two at any time, between its states; NaN in gaps."""
         track = self.tracks[which]
-        found: Places = self._splines[which](times_s)
+        places_m: Places = self._splines[which](times_s)
         after = np.clip(np.searchsorted(track.times_s, times_s), 1, len(track) - 1)
-        found[track.times_s[after] - track.times_s[after - 1] > GAP_S] = np.nan
-        return found
+        places_m[track.times_s[after] - track.times_s[after - 1] > GAP_S] = np.nan
+        return places_m
 
     def moving_s(self, first_s: float, last_s: float) -> float:
         """Sum the time in which either of the two moves, in s."""
@@ -221,15 +221,15 @@ def _lags(a: _Pair, b: _Pair) -> list[float]:
         gaps = gaps[np.isfinite(gaps) & (a.moves[i : i + length] | b.moves[j : j + length])]
         if len(gaps) >= needed // 2:
             costs[k] = np.partition(gaps, len(gaps) // 3)[len(gaps) // 3]
-    found = []
+    shifts_s = []
     offset_s = a.start_s - b.start_s
     for _ in range(_CANDIDATES):
         k = int(np.argmin(costs))
         if not costs[k] < 1.0:
             break
-        found.append(lags[k] * _GRID_S + offset_s)
+        shifts_s.append(lags[k] * _GRID_S + offset_s)
         costs[max(0, k - _APART) : k + _APART + 1] = np.inf
-    return found
+    return shifts_s
 
 
 def _fits(a: _Pair, b: _Pair, lag_s: float) -> Iterator[SameDrive]:
@@ -270,8 +270,8 @@ def _laid(a: _Pair, b: _Pair, span_s: tuple[float, float], lag_s: float) -> Same
     # Of noisy positions only the right shift makes the noise the same.
     near_s = min(lag_s + _SCAN_S * np.arange(-_SCANNED, _SCANNED + 1), key=rms_m)
     bounds = near_s - _SCAN_S, near_s + _SCAN_S
-    found = minimize_scalar(rms_m, bounds=bounds, method="bounded", options={"xatol": 1e-5})
-    shift_s = float(found.x)
+    optimum = minimize_scalar(rms_m, bounds=bounds, method="bounded", options={"xatol": 1e-5})
+    shift_s = float(optimum.x)
     return SameDrive(*laid(shift_s), shift_s=-shift_s, length_s=span_s[1] - span_s[0])
 
 
@@ -287,10 +287,10 @@ def _shape_m(tracks: Iterable[Track]) -> float:
 
 def _rigid(ours: Places, theirs: Places) -> tuple[float, float, bool]:
     """Return the rms distance after the best rigid motion, its angle, and whether it mirrors."""
-    known = np.isfinite(ours)
-    if known.mean() < _KNOWN:
+    is_finite = np.isfinite(ours)
+    if is_finite.mean() < _KNOWN:
         return math.inf, 0.0, False
-    a, b = ours[known], theirs[known]
+    a, b = ours[is_finite], theirs[is_finite]
     a, b = a - a.mean(), b - b.mean()
     straight, mirrored = np.vdot(a, b), np.dot(a, b)
     is_mirrored = bool(abs(mirrored) > abs(straight) * (1.0 + 1e-12))

@@ -149,18 +149,18 @@ class Walks:
             yield self._line("request", REQUESTS_FILE, self._requests[index])
         for frame in frames:
             digest = str(frame["sha256"])
-            kept = frame_path(self._cell.folder.parents[1], digest)
-            there = f"{kept.parent.name}/{kept.name}" if kept.is_file() else ""
+            path = frame_path(self._cell.folder.parents[1], digest)
+            there = f"{path.parent.name}/{path.name}" if path.is_file() else ""
             says = f"stamp {frame.get('stamp_ns')} ns{'' if there else ', in the recording'}"
             yield WalkStep("frame sent", digest, there, says)
 
     def _line(self, what: str, file: str, line: _Line, whole: bool = False) -> WalkStep:
-        content = _shown(line.text) if whole else ""
+        content = _excerpt(line.text) if whole else ""
         place = f"{self._place}/{file}"
         return WalkStep(what, line.sha256, place, f"line {line.number} of {file}", content)
 
 
-def _shown(text: str) -> str:
+def _excerpt(text: str) -> str:
     more = len(text) - _MOST_SHOWN
     return text if more <= 0 else f"{text[:_MOST_SHOWN]}… and {more} more characters in the file"
 
@@ -240,14 +240,14 @@ def record_views(cell: CellData) -> list[RecordView]:
         return []
     details = cell.score.details
     walks = Walks(cell)
-    asked = cell.requests_by_label()
+    requests = cell.requests_by_label()
     return [
         _view(
             cell,
             index,
             label,
             judgement,
-            asked.get(label.t_s, {}),
+            requests.get(label.t_s, {}),
             walks.of(index, judgement),
         )
         for index, (label, judgement) in enumerate(
@@ -270,9 +270,9 @@ def _view(
     valid = record is not None and judgement.trajectory_valid
     trajectory = record.trajectory if record is not None and valid else None
     clip = cell.facts.clip
-    drawn = ""
+    overlay_svg = ""
     if trajectory is not None:
-        drawn = overlay(
+        overlay_svg = overlay(
             trajectory,
             None if clip.geometry is None else clip.geometry.model_dump(),
             clip.mount_forward_m,
@@ -300,7 +300,7 @@ def _view(
         stage=stage or "none",
         response=response is not None and judgement.record == response,
         candidate=judgement.candidate,
-        overlay=drawn,
+        overlay=overlay_svg,
         plan=top_view(trajectory, request.get("history", [])),
         picture=_picture(cell, frames),
         walk=walk,
@@ -369,10 +369,10 @@ def _slot(name: str, score: SlotScore) -> SlotRow:
 def _action(
     name: str, text: str | None, trajectory: str | None, allowed: Sequence[str]
 ) -> ActionRow:
-    def mark(given: str | None) -> str:
-        if given is None:
+    def mark(action: str | None) -> str:
+        if action is None:
             return MISSING
-        return HIT if given in allowed else MISS
+        return HIT if action in allowed else MISS
 
     return ActionRow(
         name, _words(text), mark(text), _words(trajectory), mark(trajectory), " / ".join(allowed)

@@ -60,7 +60,7 @@ class WantedFigures:
 
 
 def draw_figures(
-    wanted: WantedFigures,
+    selection: WantedFigures,
     rows: Sequence[CellRow],
     campaign: Path | None = None,
     cells: Sequence[CellData] = (),
@@ -68,7 +68,7 @@ def draw_figures(
     """Write figures, all of them or none; print the figures left out, and why.
 
     Args:
-        wanted: folder, groups and reference.
+        selection: folder, groups and reference.
         rows: all of them.
         campaign: whose frames are drawn on; None: there are none.
         cells: of the campaign, for the frames.
@@ -77,24 +77,24 @@ def draw_figures(
         InputError: the reference is no model, or a file can't be read.
         HostError: the disk doesn't take them.
     """
-    groups = [name for name in wanted.only if name in GROUPS]
-    done: list[FiguresOutcome] = []
-    with new_files(wanted.folder) as scratch, console.progress("figures", None) as bar:
+    groups = [name for name in selection.only if name in GROUPS]
+    outcomes: list[FiguresOutcome] = []
+    with new_files(selection.folder) as scratch, console.progress("figures", None) as bar:
 
         def advance(name: str) -> None:
             bar.update(bar.task_ids[0], advance=1, description=name)
 
-        if groups or not wanted.only:
-            done.append(write_figures(rows, scratch, wanted.reference, groups, advance))
-        if campaign is not None and (not wanted.only or PHASES in wanted.only):
+        if groups or not selection.only:
+            outcomes.append(write_figures(rows, scratch, selection.reference, groups, advance))
+        if campaign is not None and (not selection.only or PHASES in selection.only):
             # Pictures need OpenCV and PyAV, which figures of a CSV file do without.
             from ssp_eval.figures.phases import write_phase_frames
 
-            limit = not wanted.only
-            done.append(write_phase_frames(campaign, scratch, cells, advance, limit))
-    for name, reason in (one for written in done for one in written.left_out):
+            limit = not selection.only
+            outcomes.append(write_phase_frames(campaign, scratch, cells, advance, limit))
+    for name, reason in (one for outcome in outcomes for one in outcome.left_out):
         console.note(f"{name}: not drawn: {reason}")
-    click.echo(f"{wanted.folder} ({sum(len(written.files) for written in done)} files)")
+    click.echo(f"{selection.folder} ({sum(len(outcome.files) for outcome in outcomes)} files)")
 
 
 TABLES = "tables"
@@ -250,28 +250,30 @@ def report(
         raise click.UsageError("--only needs --figures DIR")
     if tables is None and (from_cells is None or out is None) and _is_given("formats"):
         raise click.UsageError("--format needs --tables DIR, or --out DIR with --from-cells")
-    drawn = None if figures is None else WantedFigures(figures, reference, only)
+    figure_selection = None if figures is None else WantedFigures(figures, reference, only)
     if from_cells is not None:
         if out_dir is not None or repeats:
             raise click.UsageError("--from-cells stands alone: give no campaign beside it")
-        _check_cells_options(out, only, expected, block, is_alone=drawn is not None and not tables)
+        _check_cells_options(
+            out, only, expected, block, is_alone=figure_selection is not None and not tables
+        )
         _take(out, tables, figures)
         rows = rows_from_csv(from_cells, console.note)
         return _report_cells(
             rows,
             out,
-            drawn,
+            figure_selection,
             lambda folder: _WantedFiles(
                 tables or folder / TABLES, formats, reference, options, expected
             ),
         )
     out_dir = _campaign_folder(out_dir, out)
     if is_loop_campaign(out_dir):
-        is_plain = drawn is None and not repeats
+        is_plain = figure_selection is None and not repeats
         return _report_loop(out_dir, tables, formats, open_loop, is_plain=is_plain)
     if open_loop:
         raise click.UsageError("--open-loop goes with a campaign of `ssp loop`")
-    _check_wanted(tables is not None or drawn is not None, reference, repeats)
+    _check_wanted(tables is not None or figure_selection is not None, reference, repeats)
     _take(out_dir if out_dir.is_dir() else None, tables, figures)
     changed: dict[Path, str] = {}
 
@@ -281,21 +283,21 @@ def report(
 
     analysis: Sequence[Table] = ()
     repeated: Sequence[CellAnswers] = ()
-    if tables or drawn or len(cell_files(out_dir)) <= MOST_ANALYSED:
+    if tables or figure_selection or len(cell_files(out_dir)) <= MOST_ANALYSED:
         data, rows, constants = _read((out_dir, *repeats))
         for cell in data:
             check(cell)
-        if drawn is not None:
-            shown = [*rows, *constant_rows(constants)]
-            draw_figures(drawn, shown, out_dir, data[: len(cell_files(out_dir))])
+        if figure_selection is not None:
+            figure_rows = [*rows, *constant_rows(constants)]
+            draw_figures(figure_selection, figure_rows, out_dir, data[: len(cell_files(out_dir))])
         repeated = answers_in(data[len(cell_files(out_dir)) :])
         if tables is not None:
-            wanted = _WantedFiles(tables, formats, reference, options, expected)
+            file_selection = _WantedFiles(tables, formats, reference, options, expected)
             audits = named_audits((out_dir, *repeats), (cell.facts for cell in data))
-            known = [label_table(data, audits)]
+            audit_tables = [label_table(data, audits)]
             if (responses := response_table(audits)) is not None:
-                known.append(responses)
-            analysis = _analyse(rows, data, wanted, tables, known, constants)
+                audit_tables.append(responses)
+            analysis = _analyse(rows, data, file_selection, tables, audit_tables, constants)
         elif len(data) <= MOST_ANALYSED:
             analysis = _shown_statistics(rows, data, options, constants)
         # A page is made of one cell after the other; it needs its memory more than a second read.
@@ -374,14 +376,14 @@ def _check_wanted(is_wanted: bool, reference: str | None, repeats: tuple[Path, .
 def _report_cells(
     rows: Sequence[CellRow],
     out: Path | None,
-    drawn: WantedFigures | None,
-    wanted: Callable[[Path], _WantedFiles],
+    figure_selection: WantedFigures | None,
+    selection_of: Callable[[Path], _WantedFiles],
 ) -> int:
     """Draw figures and write tables of component scores; returns the exit status."""
-    if drawn is not None:
-        draw_figures(drawn, rows)
+    if figure_selection is not None:
+        draw_figures(figure_selection, rows)
     if out is not None:
-        _analyse(rows, (), wanted(out), statistics=out)
+        _analyse(rows, (), selection_of(out), statistics=out)
     return 0
 
 
@@ -449,15 +451,15 @@ def _shown_statistics(
 def _analyse(
     rows: Sequence[CellRow],
     data: Sequence[CellData],
-    wanted: _WantedFiles,
+    selection: _WantedFiles,
     statistics: Path,
     of_audits: Sequence[Table] = (),
     constants: Sequence[OfScenario] = (),
 ) -> list[Table]:
     """Compute everything before anything is written."""
-    told = notices(rows, data, wanted.expected)
+    notice_list = notices(rows, data, selection.expected)
     shown_rows = [*rows, *constant_rows(constants)]
-    plain = [*all_tables(shown_rows, wanted.reference), notice_table(told)]
+    plain = [*all_tables(shown_rows, selection.reference), notice_table(notice_list)]
     if constants:
         plain.append(constant_table(constants))
     if data:
@@ -465,13 +467,17 @@ def _analyse(
     plain += of_audits
     moved = moved_by(data)
     plain += [] if moved is None else moved_tables(moved)
-    shown = with_notices(_shown_statistics(rows, data, wanted.options, constants), everywhere(told))
-    plain = with_notices(plain, everywhere(told))
-    tables = [*plain, *shown]
+    statistics_tables = with_notices(
+        _shown_statistics(rows, data, selection.options, constants), everywhere(notice_list)
+    )
+    plain = with_notices(plain, everywhere(notice_list))
+    tables = [*plain, *statistics_tables]
     with new_files(statistics) as scratch, console.progress("tables", len(tables)) as bar:
-        done = partial(bar.advance, bar.task_ids[0])
-        target = write_statistics(scratch, shown, wanted.options, told, scale(rows))
-        written = write_tables(wanted.folder, tables, wanted.formats, done)
-    click.echo(f"{wanted.folder} ({len(written)} files)")
+        advance = partial(bar.advance, bar.task_ids[0])
+        target = write_statistics(
+            scratch, statistics_tables, selection.options, notice_list, scale(rows)
+        )
+        paths = write_tables(selection.folder, tables, selection.formats, advance)
+    click.echo(f"{selection.folder} ({len(paths)} files)")
     click.echo(f"{statistics / target.name}")
-    return shown
+    return statistics_tables

@@ -63,10 +63,10 @@ def making_of(page: str, file: str) -> Making | None:
     Raises:
         InputError: it can't be read.
     """
-    found = _CARRIED.search(page, 0, _HEAD_CHARACTERS)
-    if found is None:
+    match = _CARRIED.search(page, 0, _HEAD_CHARACTERS)
+    if match is None:
         return None
-    return parse_model(Making, parse_mapping(html.unescape(found[1]).encode(), file), file)
+    return parse_model(Making, parse_mapping(html.unescape(match[1]).encode(), file), file)
 
 
 def runs_of(
@@ -82,18 +82,18 @@ def runs_of(
     Returns:
         The cells, their rows in the same order, and the best blind constants of each run.
     """
-    given = list(folders)
-    names = [folder.resolve().name for folder in given]
+    campaigns = list(folders)
+    names = [folder.resolve().name for folder in campaigns]
     data: list[CellData] = []
     rows: list[CellRow] = []
     constants: list[OfScenario] = []
-    for folder, name in zip(given, names, strict=True):
-        if sum(other.resolve() == folder.resolve() for other in given) > 1:
+    for folder, name in zip(campaigns, names, strict=True):
+        if sum(other.resolve() == folder.resolve() for other in campaigns) > 1:
             raise InputError("is given twice", file=folder, remedy="give each campaign once")
         cells = load_cells(folder, on_cells(len(cell_files(folder))))
         data += cells
         run = name if names.count(name) == 1 else str(folder)
-        own = rows_from_cells(cells, run if len(given) > 1 else "")
+        own = rows_from_cells(cells, run if len(campaigns) > 1 else "")
         constants += constants_of_cells(own, cells)
         rows += own
     return data, rows, constants

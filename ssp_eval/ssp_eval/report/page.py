@@ -115,17 +115,19 @@ def _write_one(
     views = {cell.id: record_views(cell) for cell in cells}
     used = sorted({v.frame for of_cell in views.values() for v in of_cell if v.frame is not None})
     pictures: dict[str, str] = {}
-    for done, frame in enumerate(used, start=1):
+    for number, frame in enumerate(used, start=1):
         path = frame_path(out, frame)
         if path.exists() and sha256_file(path) == frame:
             pictures[frame] = data_uri(path)
-        on_step(done, len(used))
+        on_step(number, len(used))
     target = make_folder(out) / PAGE
     audits = audit_pages(out, (cell.facts for cell in cells))
-    named = named_audits([out], (cell.facts for cell in cells))
+    cell_audits = named_audits([out], (cell.facts for cell in cells))
     moved = compared([*answers_in(cells), *repeated])
     details = Details(views, pictures)
-    write_text(target, render(cells, details, audits, analysis, named, moved, expected, carried))
+    write_text(
+        target, render(cells, details, audits, analysis, cell_audits, moved, expected, carried)
+    )
     return target
 
 
@@ -141,23 +143,23 @@ def _write_large(
 ) -> Path:
     """Write the details cell by cell, so that memory holds one cell's pictures of words."""
     audits = audit_pages(out, (load_facts(file) for file in files))
-    named = named_audits([out], (load_facts(file) for file in files))
+    cell_audits = named_audits([out], (load_facts(file) for file in files))
     details = DetailFiles(out, environment(), audits)
-    done = count(1)
-    wanted = wanted_cells(file.parent.name for file in files)
+    counter = count(1)
+    cell_ids = wanted_cells(file.parent.name for file in files)
     changed: list[CellAnswers] = []
 
     def write(cell: CellData) -> None:
         details.write(cell)
         on_cell(cell)
-        if cell.id in wanted and (one := asked(cell)) is not None:
+        if cell.id in cell_ids and (one := asked(cell)) is not None:
             changed.append(one)
-        on_step(next(done), len(files))
+        on_step(next(counter), len(files))
 
     cells = in_order(load_lightly(files, write))
     target = make_folder(out) / PAGE
     moved = compared([*changed, *repeated])
-    write_text(target, render(cells, None, audits, analysis, named, moved, expected, carried))
+    write_text(target, render(cells, None, audits, analysis, cell_audits, moved, expected, carried))
     details.remove_others()
     return target
 
@@ -168,10 +170,10 @@ def audit_pages(out: Path, cells: Iterable[CellFacts]) -> dict[str, str]:
     Returns:
         Path from the report by hash of the audit, those of the first scenario first.
     """
-    found = {}
-    named = dict.fromkeys(cell.admission.audit_sha256 for cell in cells)
+    pages = {}
+    digests = dict.fromkeys(cell.admission.audit_sha256 for cell in cells)
     there = {digest: file.with_name(AUDIT_PAGE) for digest, file in kept_audits(out).items()}
-    for digest in named:
+    for digest in digests:
         if digest is not None and digest in there and there[digest].is_file():
-            found[digest] = there[digest].relative_to(out).as_posix()
-    return found
+            pages[digest] = there[digest].relative_to(out).as_posix()
+    return pages

@@ -93,7 +93,7 @@ def matrix(cells: Sequence[CellData], constants: Mapping[Place, float] = NO_CONS
         cells=cells,
         columns=COLUMNS,
         in_ivcs=len(COMPONENT_RATIOS),
-        apart={scenario for scenario, found in compared if not found.comparable},
+        apart={scenario for scenario, comparison in compared if not comparison.comparable},
         marked=" · ".join(f"{MARKS[status]} {status}" for status in marked),
         push=max(0.0, longest * _LETTER - _NAME),
         name=name,
@@ -126,8 +126,8 @@ def seeing_plot(seeing: Table | None, answerers: Table | None) -> str:
         for row in by_column(answerers)
         if _sees_nothing(str(row["model"]), models) and (value := _number(row["ivcs"])) is not None
     }
-    shown = {condition for found in models.values() for condition in found}
-    legend = [("own", "as it is"), *(item for item in _SPOILT.items() if item[0] in shown)]
+    conditions = {condition for scores in models.values() for condition in scores}
+    legend = [("own", "as it is"), *(item for item in _SPOILT.items() if item[0] in conditions)]
     if blind:
         legend.append(("answerer", "answerer that sees nothing"))
     return _template("seeing.svg.j2").render(
@@ -157,22 +157,22 @@ _PARTS = (
 
 def statistics_parts(tables: Sequence[Table]) -> dict[str, list[Grid]]:
     """Return by title the non-empty parts of the statistics, in a fixed order."""
-    found: dict[str, list[Grid]] = {}
+    parts: dict[str, list[Grid]] = {}
     for title, prefix in _PARTS:
         for table in tables:
             if table.name.startswith(prefix) and table.rows:
-                found.setdefault(title, []).append(grid(_begun(table)))
-    return found
+                parts.setdefault(title, []).append(grid(_begun(table)))
+    return parts
 
 
 def moved_part(moved: MovedAnswers | None) -> dict[str, Any] | None:
     """Return the content of the section "What moved the answer"; None where nothing was changed."""
     if moved is None:
         return None
-    shown = [one for one in moved_tables(moved) if one.name != FINDINGS]
+    tables = [one for one in moved_tables(moved) if one.name != FINDINGS]
     return {
         "models": [*zip(moved.findings, forests(moved.effects), strict=True)],
-        "tables": [grid(_begun(table)) for table in shown],
+        "tables": [grid(_begun(table)) for table in tables],
     }
 
 
@@ -237,12 +237,12 @@ def _title(models: Sequence[str], scenarios: Sequence[str]) -> str:
 
 def _audit_links(cells: Sequence[CellData], audits: Mapping[str, str]) -> dict[str, str]:
     """Return the page of the audit by scenario."""
-    found: dict[str, str] = {}
+    links: dict[str, str] = {}
     for cell in cells:
         page = audits.get(cell.audit_sha256 or "")
         if page is not None:
-            found.setdefault(cell.scenario, page)
-    return found
+            links.setdefault(cell.scenario, page)
+    return links
 
 
 # In a row's word of stages: 0 to 6 for the stage that fails first, this where none does.
@@ -283,7 +283,7 @@ def rows(cells: Sequence[CellData], constants: Mapping[Place, float]) -> dict[st
         key: list(dict.fromkeys(getattr(cell, key) for cell in cells))
         for key in ("scenario", "domain", "model")
     }
-    number = {key: {name: k for k, name in enumerate(found)} for key, found in names.items()}
+    number = {key: {name: k for k, name in enumerate(members)} for key, members in names.items()}
     return {
         **names,
         "scores": SCORES,
@@ -310,8 +310,8 @@ def _stages(cell: CellData) -> str:
     """Return per label, in order, the first stage that fails (METHOD 6.12)."""
     if cell.score is None:
         return ""
-    found = (judgement.first_failure for judgement in cell.score.details.judgements)
-    return "".join(CLEAN if stage is None else str(STAGES.index(stage)) for stage in found)
+    stages = (judgement.first_failure for judgement in cell.score.details.judgements)
+    return "".join(CLEAN if stage is None else str(STAGES.index(stage)) for stage in stages)
 
 
 def _short(value: float | None) -> float | None:
@@ -349,7 +349,7 @@ def render(
     details: Details | None,
     audits: Mapping[str, str] = MappingProxyType({}),
     analysis: Sequence[Table] = (),
-    named: Sequence[Audit] = (),
+    cell_audits: Sequence[Audit] = (),
     moved: MovedAnswers | None = None,
     expected: Sequence[str] = (),
     carried: str = "",
@@ -362,7 +362,7 @@ def render(
         details: None: they lie in files beside the page, and its cells are browsed.
         audits: pages of the audits by hash, as paths from the report.
         analysis: tables of the statistics.
-        named: the audits that the cells go by.
+        cell_audits: those that the cells go by.
         moved: what moved the answers; None: nothing was asked with a cause changed.
         expected: scenarios that the campaign was planned with.
         carried: options that it is made with, as JSON; empty: it carries none.
@@ -370,8 +370,8 @@ def render(
     cell_rows = rows_from_cells(cells)
     constants = constants_of_cells(cell_rows, cells)
     blind = _of_recordings(constants)
-    responses = response_table(named)
-    drawn = _browsed(cells, blind) if details is None else _whole(cells, details, blind)
+    responses = response_table(cell_audits)
+    cells_context = _browsed(cells, blind) if details is None else _whole(cells, details, blind)
     return (
         environment()
         .get_template("page.html.j2")
@@ -383,14 +383,14 @@ def render(
             stages=STAGE_NAMES,
             summary=summary(cells, audits),
             analysis=statistics_parts(analysis),
-            labels=grid(label_table(cells, named)),
+            labels=grid(label_table(cells, cell_audits)),
             responses=None if responses is None else grid(responses),
             moved=moved_part(moved),
             most=MOST_NOTICES,
             version=__version__,
             carried=carried,
             **_tables(cells, cell_rows, constants, expected),
-            **drawn,
+            **cells_context,
         )
     )
 
@@ -408,20 +408,20 @@ def _tables(
     expected: Sequence[str],
 ) -> dict[str, Any]:
     """Return the tables that the files have too, and what must be known before reading them."""
-    found = {table.name: table for table in all_tables([*rows, *constant_rows(constants)])}
+    tables = {table.name: table for table in all_tables([*rows, *constant_rows(constants)])}
     sized = any(row.total_b or row.architecture for row in rows)
-    common, means = common_notes([grid(found[name]) for name in MEAN_TABLES])
+    common, means = common_notes([grid(tables[name]) for name in MEAN_TABLES])
     differences = ("domain_differences", "domain_differences_model")
     more = ("strata", *differences, *(("foundation_models",) if sized else ()))
-    means += [without_notes(grid(found[name]), common) for name in more]
-    told, ranks = common_notes(
+    means += [without_notes(grid(tables[name]), common) for name in more]
+    rank_notes, ranks = common_notes(
         [
             grid(table)
-            for table in (found["ranks_model"], found["ranks_domain"])
+            for table in (tables["ranks_model"], tables["ranks_domain"])
             if len(table.rows) > 1
         ]
     )
-    seeing, answerers = found.get(SEEING), found.get(ANSWERERS)
+    seeing, answerers = tables.get(SEEING), tables.get(ANSWERERS)
     return {
         "notices": notices(rows, cells, expected),
         "lead": lead(rows),
@@ -429,7 +429,7 @@ def _tables(
         "means_notes": common,
         "folded": _FOLDED,
         "ranks": ranks,
-        "ranks_notes": told,
+        "ranks_notes": rank_notes,
         "seeing": None if seeing is None else grid(seeing),
         "answerers": None if answerers is None else grid(answerers),
         "constants": grid(constant_table(constants)) if constants else None,
@@ -483,9 +483,9 @@ def _browsed(cells: list[CellData], constants: Mapping[Place, float]) -> dict[st
 
 def environment() -> jinja2.Environment:
     """Return the templates, with their filters."""
-    found = templates(_HERE)
-    found.filters["px"] = number
-    return found
+    page_templates = templates(_HERE)
+    page_templates.filters["px"] = number
+    return page_templates
 
 
 def source(name: str) -> Markup:

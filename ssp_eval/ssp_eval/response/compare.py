@@ -82,8 +82,8 @@ def respond(drives: Sequence[Drive], limits: ResponseLimits) -> ResponseEntry:
         for a, b in _PAIRS
         if a != 0 or len(drives[0].t_s)
     ]
-    found = [braking(drive, strong([drive])) for drive in drives]
-    starts = dict(zip(DOMAINS, (b.start_s if b else None for b in found), strict=True))
+    brakings = [braking(drive, strong([drive])) for drive in drives]
+    starts = dict(zip(DOMAINS, (b.start_s if b else None for b in brakings), strict=True))
     # The first pair in which a recording is rated says where its curve is drawn from.
     for pair in reversed(pairs):
         if pair.braking_s is not None:
@@ -94,7 +94,7 @@ def respond(drives: Sequence[Drive], limits: ResponseLimits) -> ResponseEntry:
     return ResponseEntry.model_validate(
         {
             "limits": limits.model_dump(by_alias=True),
-            "curves": {domain: found for domain, found in curves.items() if found is not None},
+            "curves": {domain: entry for domain, entry in curves.items() if entry is not None},
             "pairs": pairs,
         }
     )
@@ -123,10 +123,10 @@ def braking_starts(reference: Drive, comparison: Drive) -> tuple[float | None, f
     that is a little weaker. Where nothing follows, the definition holds for both.
     """
     drives = reference, comparison
-    found = [braking(drive, strong(drives)) for drive in drives]
-    starts = [None if b is None else b.start_s for b in found]
-    first = 0 if found[0] is not None else 1
-    leads, leader, other = found[first], drives[first], drives[1 - first]
+    brakings = [braking(drive, strong(drives)) for drive in drives]
+    starts = [None if b is None else b.start_s for b in brakings]
+    first = 0 if brakings[0] is not None else 1
+    leads, leader, other = brakings[first], drives[first], drives[1 - first]
     # Where the other one begins to brake is found below.
     if leads is None or obstacle(leader, leads.start_s) or obstacle(other, None, brakes=False):
         return starts[0], starts[1]
@@ -172,11 +172,13 @@ def delay(reference: Drive, comparison: Drive, start_s: float | None) -> Delay:
     own = window - window.mean()
     others = shifted - shifted.mean(axis=1, keepdims=True)
     spread = np.sqrt((others**2).sum(axis=1) * (own**2).sum())
-    found = np.divide(others @ own, spread, out=np.full(len(shifted), -1.0), where=spread > 1e-6)
+    correlations = np.divide(
+        others @ own, spread, out=np.full(len(shifted), -1.0), where=spread > 1e-6
+    )
     # On a straight line every lag follows as well; the least of them needs no explanation.
-    as_good = np.flatnonzero(found >= found.max() - _EPS)
+    as_good = np.flatnonzero(correlations >= correlations.max() - _EPS)
     best = int(as_good[np.argmin(np.abs(lags[as_good]))])
-    if best in (0, len(found) - 1) or found[best] <= 0.0:
+    if best in (0, len(correlations) - 1) or correlations[best] <= 0.0:
         return nothing
     gain = float(shifted[best] @ window / (window @ window))
     return Delay(float(lags[best] * STEP_S), gain)
@@ -319,7 +321,7 @@ def _causes(
     """List the explanations of a difference, with their cost in the rating where it is known."""
     reference, comparison = drives
     who, other = names[1], names[0]
-    found = []
+    causes = []
     lag_s = follows.lag_s
     text = f"no delay within {DELAY_S:g} s makes {who} follow {other}"
     if lag_s is not None:
@@ -327,7 +329,7 @@ def _causes(
         if clock is not None:
             text += f"; rated since the trigger {clock.overall:.2f}, aligned {rating.overall:.2f}"
     coarse_s = max(STEP_S, *(drive.step_s for drive in drives))
-    found.append(
+    causes.append(
         CauseEntry(
             name="delay",
             value=lag_s,
@@ -340,7 +342,7 @@ def _causes(
         text = f"{who} builds up {follows.gain:.2f} times the deceleration of {other}"
         if without is not None:
             text += f"; with that taken out the rating is {without.overall:.2f}"
-        found.append(
+        causes.append(
             CauseEntry(
                 name="gain",
                 value=follows.gain,
@@ -353,7 +355,7 @@ def _causes(
         speeds = [d.at(d.speed_mps, d.trigger_s or 0.0) for d in drives]
         if speeds[0] is not None and speeds[1] is not None:
             off = speeds[1] - speeds[0]
-            found.append(
+            causes.append(
                 CauseEntry(
                     name="initial_speed",
                     value=off,
@@ -365,7 +367,7 @@ def _causes(
             )
     if reference.trigger_gap_m is not None and comparison.trigger_gap_m is not None:
         off = comparison.trigger_gap_m - reference.trigger_gap_m
-        found.append(
+        causes.append(
             CauseEntry(
                 name="initial_gap",
                 value=off,
@@ -375,4 +377,4 @@ def _causes(
                 notable=abs(off) >= _NOTABLE_GAP_M,
             )
         )
-    return found
+    return causes

@@ -68,8 +68,8 @@ class Drive:
 
     def at(self, values: FloatArray, t_s: float) -> float | None:
         """Return a value at a time; None where it isn't finite."""
-        found = float(np.interp(t_s, self.t_s, values))
-        return found if math.isfinite(found) else None
+        sample = float(np.interp(t_s, self.t_s, values))
+        return sample if math.isfinite(sample) else None
 
 
 @dataclass(frozen=True, slots=True)

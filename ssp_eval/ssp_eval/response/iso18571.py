@@ -119,7 +119,7 @@ def _shifted(metric: Any) -> tuple[FloatArray, FloatArray, int, float]:
     highest = correlation(best)
     for k in range(1, int(len(comparison) * metric._max_shift) + 1):
         for pair in ((reference[:-k], comparison[k:]), (reference[k:], comparison[:-k])):
-            found = correlation(pair)
-            if found > highest + _AS_GOOD:
-                best, steps, highest = pair, k, found
+            coefficient = correlation(pair)
+            if coefficient > highest + _AS_GOOD:
+                best, steps, highest = pair, k, coefficient
     return best[1].copy(), best[0].copy(), steps, highest

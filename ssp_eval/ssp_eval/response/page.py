@@ -40,21 +40,21 @@ def section(response: ResponseEntry) -> Markup:
 
 
 def _limits(response: ResponseEntry) -> list[tuple[str, str, Any]]:
-    named = [
+    limits = [
         (name.replace("_", " ").replace("ttc", "TTC"), getattr(response.limits, name))
         for name in ("rating", "ttc_at_braking", "remaining_distance", "impact_speed")
     ]
-    return [(name, "at least" if name == "rating" else "at most", limit) for name, limit in named]
+    return [(name, "at least" if name == "rating" else "at most", limit) for name, limit in limits]
 
 
 def _plot(response: ResponseEntry, pair: PairEntry) -> str:
     """Return the drawing of a rated pair; empty where there is none."""
-    found = [response.curves.get(name) for name in (pair.reference, pair.comparison)]
-    if pair.rating is None or found[0] is None or found[1] is None:
+    curves = [response.curves.get(name) for name in (pair.reference, pair.comparison)]
+    if pair.rating is None or curves[0] is None or curves[1] is None:
         return ""
-    begin = pair.braking_s or (found[0].braking_s, found[1].braking_s)
+    begin = pair.braking_s or (curves[0].braking_s, curves[1].braking_s)
     return curve_plot(
-        (pair.reference, _from(found[0], begin[0])), (pair.comparison, _from(found[1], begin[1]))
+        (pair.reference, _from(curves[0], begin[0])), (pair.comparison, _from(curves[1], begin[1]))
     )
 
 
@@ -80,7 +80,7 @@ def curve_plot(reference: tuple[str, CurveEntry], comparison: tuple[str, CurveEn
         for times_s, (name, curve) in zip(own_s, both, strict=True)
     }
     n = len(t_s)
-    chosen = np.unique(np.linspace(0, n - 1, min(n, _POINTS)).round().astype(int))
+    indices = np.unique(np.linspace(0, n - 1, min(n, _POINTS)).round().astype(int))
     base = values_of[reference[0]][:n]
     norm = float(np.abs(base).max())
     low = min(float((base - OUTER * norm).min()), *(float(c[:n].min()) for c in values_of.values()))
@@ -97,12 +97,12 @@ def curve_plot(reference: tuple[str, CurveEntry], comparison: tuple[str, CurveEn
         return _TOP + (_HEIGHT - _TOP - _BOTTOM) * share
 
     def line(values: FloatArray) -> list[tuple[float, float]]:
-        return list(zip(x(t_s[chosen]).tolist(), y(values[:n][chosen]).tolist(), strict=True))
+        return list(zip(x(t_s[indices]).tolist(), y(values[:n][indices]).tolist(), strict=True))
 
     def band(share: float, class_: str, words: str) -> str:
         outline = [*line(base + share * norm), *line(base - share * norm)[::-1]]
-        told = pages.title(f"{words} corridor, ±{share * norm:.2f} m/s²")
-        return pages.element("polygon", told, points=pages.points(outline), class_=class_)
+        tooltip = pages.title(f"{words} corridor, ±{share * norm:.2f} m/s²")
+        return pages.element("polygon", tooltip, points=pages.points(outline), class_=class_)
 
     parts = [
         *_axes(t_s, (low, high), x, y),
@@ -111,18 +111,18 @@ def curve_plot(reference: tuple[str, CurveEntry], comparison: tuple[str, CurveEn
         pages.element("line", x1=x(0.0), x2=x(0.0), y1=_TOP, y2=_HEIGHT - _BOTTOM, class_="zero"),
     ]
     for (name, values), role in zip(values_of.items(), ("reference", "comparison"), strict=True):
-        told = pages.title(f"{name}, {role}")
+        tooltip = pages.title(f"{name}, {role}")
         parts.append(
-            pages.element("polyline", told, points=pages.points(line(values)), class_=role)
+            pages.element("polyline", tooltip, points=pages.points(line(values)), class_=role)
         )
-    named = f"Acceleration of {comparison[0]} against {reference[0]}"
+    title = f"Acceleration of {comparison[0]} against {reference[0]}"
     return pages.element(
         "svg",
-        pages.title(named) + "".join(parts),
+        pages.title(title) + "".join(parts),
         class_="response",
         viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}",
         role="img",
-        aria_label=named,
+        aria_label=title,
     )
 
 

@@ -49,24 +49,26 @@ def _status() -> int:
 
 def _evaluate() -> int:
     settings = make_node(f"{NAME}_settings")
-    given = declare(settings, EVALUATOR)
+    parameters = declare(settings, EVALUATOR)
     settings.destroy_node()
-    out, models_file = Path(given["out"]), given["models_file"]
+    out, models_file = Path(parameters["out"]), parameters["models_file"]
     specs = as_attached(load_models(Path(models_file))) if models_file else []
-    specs += [attached_spec(name) for name in given["models"] if name]
-    if specs and given["controls"]:
+    specs += [attached_spec(name) for name in parameters["models"] if name]
+    if specs and parameters["controls"]:
         specs = with_controls(specs, driving_before(out))
     results = evaluate_bags(
-        [(Path(bag), None) for bag in given["bags"] if bag],
-        with_pictures(specs) if given["pictures"] else specs,
+        [(Path(bag), None) for bag in parameters["bags"] if bag],
+        with_pictures(specs) if parameters["pictures"] else specs,
         Settings(
             out,
-            options=CellOptions(adapter=given["adapter"], retry_errors=given["retry_errors"]),
-            timeout_s=given["timeout_s"],
-            start_timeout_s=given["start_timeout_s"],
+            options=CellOptions(
+                adapter=parameters["adapter"], retry_errors=parameters["retry_errors"]
+            ),
+            timeout_s=parameters["timeout_s"],
+            start_timeout_s=parameters["start_timeout_s"],
         ),
         no_controls="-p controls:=false",
-        twins=given["twins"],
+        twins=parameters["twins"],
     )
     for result in results:
         print(f"{result.folder.name}: {result.status} {'; '.join(result.reasons)}".rstrip())

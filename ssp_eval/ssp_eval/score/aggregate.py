@@ -84,12 +84,12 @@ def means(cells: Sequence[Cell], by: Sequence[str]) -> dict[tuple[str, ...], dic
 
 
 def _refuse_duplicates(cells: Sequence[Cell]) -> None:
-    seen: set[tuple[str, str, str]] = set()
+    keys: set[tuple[str, str, str]] = set()
     for cell in cells:
         key = (cell.scenario, cell.domain, cell.model)
-        if key in seen:
+        if key in keys:
             raise ValueError(f"cell {' / '.join(key)} occurs twice")
-        seen.add(key)
+        keys.add(key)
 
 
 def ranks(values: Mapping[str, float | None]) -> dict[str, int | None]:

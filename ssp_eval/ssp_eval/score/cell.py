@@ -160,7 +160,7 @@ def score_in_detail(cells: Sequence[Cell], thresholds: Thresholds = DEFAULT) -> 
     ]
     starts = terms.start.tolist()
     first_record = 0
-    found = []
+    scores = []
     for (labels, records), values, start, end, response in zip(
         cells, metrics, starts, starts[1:], responses(terms, thresholds).tolist(), strict=False
     ):
@@ -169,9 +169,9 @@ def score_in_detail(cells: Sequence[Cell], thresholds: Thresholds = DEFAULT) -> 
             for label, row in zip(labels.labels, rows[start:end], strict=True)
         )
         begun = None if response == NOTHING else judgements[response - start].record
-        found.append(_in_detail(labels, records, values, judgements, begun, thresholds))
+        scores.append(_in_detail(labels, records, values, judgements, begun, thresholds))
         first_record += len(records)
-    return found
+    return scores
 
 
 def _in_detail(
@@ -214,17 +214,17 @@ def _judgement(
     """
     index = None if row["record"] == NOTHING else row["record"] - first_record
     record = None if index is None else records[index]
-    said = {
+    answers = {
         name: slot.value if code != NOTHING and slot is not None else None
         for name, code, slot in _slots(record, row["answer"])
     }
     slots = {
         name: SlotScore(
             evaluable,
-            said[name] is not None,
+            answers[name] is not None,
             hard if evaluable else None,
             soft if evaluable else None,
-            said[name],
+            answers[name],
             getattr(label, name),
         )
         for name, evaluable, hard, soft in zip(
@@ -232,7 +232,7 @@ def _judgement(
         )
     }
     # In the order of STAGES, whether each stage holds.
-    held = (
+    stage_outcomes = (
         row["output_valid"],
         all(slot.h in _RIGHT for slot in slots.values()),
         row["interaction_correct"] or not row["interaction_evaluable"],
@@ -251,8 +251,8 @@ def _judgement(
         slots=slots,
         interaction_evaluable=row["interaction_evaluable"],
         interaction_correct=row["interaction_correct"],
-        text_lon=_word(said["lon_action"]),
-        text_lat=_word(said["lat_action"]),
+        text_lon=_word(answers["lon_action"]),
+        text_lat=_word(answers["lat_action"]),
         trajectory_lon=LON_ACTIONS[row["lon"]] if valid else None,
         trajectory_lat=LAT_ACTIONS[row["lat"]] if valid else None,
         feasible=row["feasible"] if valid else None,
@@ -262,7 +262,7 @@ def _judgement(
         consistent=row["consistent"],
         candidate=row["candidate"],
         defensive=row["defensive"],
-        first_failure=None if all(held) else STAGES[held.index(False)],
+        first_failure=None if all(stage_outcomes) else STAGES[stage_outcomes.index(False)],
     )
 
 
@@ -273,6 +273,6 @@ def _slots(
         yield name, code, None if record is None else getattr(record.slots, name)
 
 
-def _word(said: Value | None) -> str | None:
+def _word(answer: Value | None) -> str | None:
     """Return the word that a text commits to; a set of objects is none."""
-    return said if isinstance(said, str) else None
+    return answer if isinstance(answer, str) else None

@@ -135,9 +135,9 @@ def score(case_dirs: tuple[Path, ...], as_json: bool, thresholds_file: Path | No
 
 def _cases(folders: tuple[Path, ...]) -> list[tuple[str, Path]]:
     """Name and folder of each case, sorted by the folders' names."""
-    named = sorted((Path(os.path.abspath(folder)).name, str(folder), folder) for folder in folders)
-    count = Counter(name for name, _, _ in named)
-    return [(given if count[name] > 1 else name, folder) for name, given, folder in named]
+    cases = sorted((Path(os.path.abspath(folder)).name, str(folder), folder) for folder in folders)
+    count = Counter(name for name, _, _ in cases)
+    return [(path_text if count[name] > 1 else name, folder) for name, path_text, folder in cases]
 
 
 def _files(folder: Path) -> tuple[Path, Path]:

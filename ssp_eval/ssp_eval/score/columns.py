@@ -229,18 +229,18 @@ class RecordBlocks:
         n = len(rows)
         slots = zip(*[_slots_of(record.slots) for record in rows], strict=True)
         # All records' first slots, then the second.
-        found = [_NO_SLOT if slot is None else slot for slot in chain.from_iterable(slots)]
+        flat_slots = [_NO_SLOT if slot is None else slot for slot in chain.from_iterable(slots)]
         paths = [record.trajectory or _NO_TRAJECTORY for record in rows]
         texts = [record.text for record in rows]
         text_valid = np.fromiter(map(bool, map(str.strip, texts)), np.bool_, n)
         length = np.where(text_valid, np.fromiter(map(len, texts), np.int64, n), 0)
         answer = np.empty((n, len(_ANSWER_CODES)), dtype=np.int64)
-        values = [slot.value for slot in found]
+        values = [slot.value for slot in flat_slots]
         for slot, codes in enumerate(_ANSWER_CODES):
             answer[:, slot] = _coded(codes, values[slot * n : (slot + 1) * n])
-        evidence = [slot.evidence for slot in found]
-        given = _supported(evidence, np.tile(length, len(_ANSWER_CODES)))
-        answer[~given.reshape(len(_ANSWER_CODES), n).T] = NOTHING
+        evidence = [slot.evidence for slot in flat_slots]
+        has_support = _supported(evidence, np.tile(length, len(_ANSWER_CODES)))
+        answer[~has_support.reshape(len(_ANSWER_CODES), n).T] = NOTHING
         self._blocks.append(
             (
                 np.array([record.t_s for record in rows], dtype=np.float64),
@@ -300,20 +300,20 @@ def load_columns(cells: Iterable[tuple[Path, Path]]) -> Columns:
     Raises:
         InputError: the first file that is wrong, see load_labels and load_records.
     """
-    known: dict[str, Labels] = {}
+    labels_by_text: dict[str, Labels] = {}
     labels: list[Labels] = []
     counts: list[int] = []
     blocks = RecordBlocks()
     rest = iter(cells)
     while block := list(islice(rest, _BLOCK)):
-        found = []
+        block_records = []
         for labels_file, records_file in block:
             # The cells of a clip have a copy of its labels each; one object is encoded once.
             text = read_text(labels_file)
-            if text not in known:
-                known[text] = parse_labels_text(text, labels_file)
-            labels.append(known[text])
-            found.append(load_records(records_file))
-        counts += map(len, found)
-        blocks.add(chain.from_iterable(found))
+            if text not in labels_by_text:
+                labels_by_text[text] = parse_labels_text(text, labels_file)
+            labels.append(labels_by_text[text])
+            block_records.append(load_records(records_file))
+        counts += map(len, block_records)
+        blocks.add(chain.from_iterable(block_records))
     return columns_of(labels, counts, blocks.columns())

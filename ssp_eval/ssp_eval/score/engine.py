@@ -47,10 +47,10 @@ ADJACENT = frozenset(
 
 def object_f1(answer: Iterable[str], truth: Iterable[str]) -> float:
     """Set F1 = 2|Ô∩O| / (|Ô|+|O|), and 1 when both are empty (METHOD 6.3)."""
-    given, true = set(answer), set(truth)
-    if not given and not true:
+    answer_ids, true = set(answer), set(truth)
+    if not answer_ids and not true:
         return 1.0
-    return 2 * len(given & true) / (len(given) + len(true))
+    return 2 * len(answer_ids & true) / (len(answer_ids) + len(true))
 
 
 def hard_score(answer: Value, truth: Value) -> float:
@@ -116,7 +116,7 @@ def semantics(
     evaluable = truth != NOTHING
     masked = earliest[~columns.first_frame_dynamics]
     evaluable[masked[:, None], _DYNAMIC] = False
-    given = evaluable & (answer[:, : len(SLOTS)] != NOTHING)
+    has_answer = evaluable & (answer[:, : len(SLOTS)] != NOTHING)
     hard, soft = np.zeros(truth.shape), np.zeros(truth.shape)
     for slot, (hard_table, soft_table) in enumerate(_score_tables(thresholds.soft_credit)):
         index = (answer[:, slot], truth[:, slot])
@@ -126,7 +126,7 @@ def semantics(
     correct = np.logical_and.reduce([hard[:, slot] == 1.0 for slot in _INTERACTION])
     return {
         "evaluable": evaluable,
-        "given": given,
+        "given": has_answer,
         "hard": hard,
         "soft": soft,
         "interaction_evaluable": interaction,
@@ -380,17 +380,17 @@ def score_terms(terms: BatchTerms, thresholds: Thresholds = DEFAULT) -> Scores:
     row = responses(terms, thresholds)
     responded = row != NOTHING
     latency_s = np.where(responded, rows.record_t_s[row] - terms.risk_onset_s, np.nan)
-    found = ratios(sums)
-    found |= {"rsr": responded.astype(np.int64), "rl_s": np.maximum(latency_s, 0.0)}
-    found["ivcs"] = exact_sum(
-        [weight * np.nan_to_num(found[name]) for name, weight in ivcs_weights(thresholds).items()]
+    metrics = ratios(sums)
+    metrics |= {"rsr": responded.astype(np.int64), "rl_s": np.maximum(latency_s, 0.0)}
+    metrics["ivcs"] = exact_sum(
+        [weight * np.nan_to_num(metrics[name]) for name, weight in ivcs_weights(thresholds).items()]
     )
     matched = np.add.reduceat(rows.matched, begin, dtype=np.int64)
     return Scores(
         {
             "n": sums[LABELS],
             "matched": matched,
-            **found,
+            **metrics,
             "semantic_denominator": sums["evaluable"],
             "cia_denominator": sums["interaction_evaluable"],
         }

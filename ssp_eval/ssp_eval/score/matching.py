@@ -69,15 +69,15 @@ class _Optima:
 def _windows(labels_s: Sequence[float], records_s: Sequence[float], limit_s: float) -> list[Window]:
     """Find for each label the records (first, end) that are no further than limit_s from it."""
     count, first, end = len(records_s), 0, 0
-    found = []
+    windows = []
     for label_s in labels_s:
         while first < count and records_s[first] - label_s < -limit_s:
             first += 1
         end = max(end, first)
         while end < count and records_s[end] - label_s <= limit_s:
             end += 1
-        found.append((first, end))
-    return found
+        windows.append((first, end))
+    return windows
 
 
 def match(
@@ -103,14 +103,14 @@ def match(
         # Each choice is held against the best that is left, which one of them reaches exactly: a
         # sum from the start could round past the tolerance, and then no choice would be allowed.
         rest = optima.of(j, start)
-        chosen = None
+        choice = None
         for i in range(max(start, first), end):
             with_pair = optima.with_pair(j, i)
             if with_pair.pairs == rest.pairs and with_pair.error_s - rest.error_s <= spare_s:
                 spare_s -= with_pair.error_s - rest.error_s
-                chosen, start = i, i + 1
+                choice, start = i, i + 1
                 break
-        result.append(chosen)
+        result.append(choice)
     return tuple(result)
 
 
@@ -151,8 +151,8 @@ def _match_alike(
     near: Flags = thresholds.at_most(distance_s, thresholds.match_window_s)
     records_near, labels_near = near.sum(axis=1), near.sum(axis=0)
     plain = (records_near <= 1).all(axis=0) & (labels_near <= 1).all(axis=0)
-    found = np.where(records_near > 0, near.argmax(axis=1) + record[0], NOTHING)
-    result[label[:, plain]] = found[:, plain]
+    nearest = np.where(records_near > 0, near.argmax(axis=1) + record[0], NOTHING)
+    result[label[:, plain]] = nearest[:, plain]
     for cell in np.flatnonzero(~plain):
         pairs = match(label_s[:, cell].tolist(), record_s[:, cell].tolist(), thresholds)
         result[label[:, cell]] = [NOTHING if i is None else record[i, cell] for i in pairs]

@@ -132,7 +132,7 @@ def measure(records: RecordColumns, thresholds: Thresholds) -> SampledTrajectori
         sample_places(times, thresholds.support_end_s, thresholds.tolerance)
         for times in records.grids
     ]
-    usable = np.array([found is not None for found in places], dtype=np.bool_)
+    usable = np.array([sample is not None for sample in places], dtype=np.bool_)
     points = np.array([len(times) for times in records.grids])
     valid = usable[records.grid]
     for values, start in ((records.x_m, records.x_start), (records.y_m, records.y_start)):
@@ -141,7 +141,7 @@ def measure(records: RecordColumns, thresholds: Thresholds) -> SampledTrajectori
         valid &= infinite[start[1:]] == infinite[start[:-1]]
 
     rows = np.flatnonzero(valid)
-    place = np.array([found or ((0, 0.0),) * 3 for found in places])[records.grid[rows]]
+    place = np.array([sample or ((0, 0.0),) * 3 for sample in places])[records.grid[rows]]
     left, share = place[:, :, 0].astype(np.int64), place[:, :, 1]
     # At a sample there is no other side: it could be missing, or too far away for a difference.
     right = left + (share > 0)
@@ -164,8 +164,8 @@ def driven(records: RecordColumns, thresholds: Thresholds) -> TrajectoryActions:
     count = len(records.t_s)
     lon, lat = np.full(count, NOTHING), np.full(count, NOTHING)
     valid, drivable = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
-    found = measure(records, thresholds)
-    rows, motion = found.rows, found.motion
+    trajectories = measure(records, thresholds)
+    rows, motion = trajectories.rows, trajectories.motion
     with np.errstate(over="ignore", invalid="ignore"):
         valid[rows] = True
         lon[rows], lat[rows] = lon_action(motion, thresholds), lat_action(motion, thresholds)

@@ -138,11 +138,11 @@ def load_thresholds(path: Path | None) -> Thresholds:
     if path is None:
         return DEFAULT
     try:
-        found = load_model(ThresholdsFile, path)
+        thresholds = load_model(ThresholdsFile, path)
     except InputError as error:
         raise error.each(_of_thresholds) from error
-    given = found.model_dump(exclude_none=True, exclude={"schema_"})
-    return replace(DEFAULT, **given)
+    overrides = thresholds.model_dump(exclude_none=True, exclude={"schema_"})
+    return replace(DEFAULT, **overrides)
 
 
 def _of_thresholds(error: InputError) -> InputError:
@@ -177,15 +177,15 @@ def thresholds_of(values: Any, file: str | Path) -> Thresholds:
             value=", ".join(apart),
             remedy="evaluate it again; stored answers aren't asked again",
         )
-    for name, known in asdict(DEFAULT).items():
-        given = values[name]
-        is_whole = isinstance(given, int) or not isinstance(known, int)
-        if not is_whole or not abs(given) <= _LARGEST:
+    for name, default in asdict(DEFAULT).items():
+        number = values[name]
+        is_whole = isinstance(number, int) or not isinstance(default, int)
+        if not is_whole or not abs(number) <= _LARGEST:
             raise InputError(
                 "is no such number",
                 file=file,
                 field=f"thresholds.{name}",
-                value=given,
+                value=number,
                 remedy="put the file back, or evaluate the cell again",
             )
     return Thresholds(**values)

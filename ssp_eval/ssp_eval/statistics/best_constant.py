@@ -75,8 +75,8 @@ class Constant:
 
 
 def _text(scene: Scene, plan: Plan) -> str:
-    said = scene_text(scene.objects, scene.position, scene.motion, scene.conflict)
-    return f"{said} {action_sentence(plan.lon_action, plan.lat_action)}".strip()
+    description = scene_text(scene.objects, scene.position, scene.motion, scene.conflict)
+    return f"{description} {action_sentence(plan.lon_action, plan.lat_action)}".strip()
 
 
 @lru_cache(maxsize=256)
@@ -97,9 +97,9 @@ def best_constant(recordings: tuple[Labels, ...], thresholds: Thresholds = DEFAU
         thresholds: of the scores.
     """
     labels = list(chain.from_iterable(one.labels for one in recordings))
-    positions = _seen(POSITIONS, (label.position for label in labels))
-    motions = _seen(MOTIONS, (label.motion for label in labels))
-    conflicts = _seen(CONFLICTS, (label.conflict for label in labels))
+    positions = _words_in_labels(POSITIONS, (label.position for label in labels))
+    motions = _words_in_labels(MOTIONS, (label.motion for label in labels))
+    conflicts = _words_in_labels(CONFLICTS, (label.conflict for label in labels))
     plans = [Plan(lon, lat) for lon, lat in product(LON_ACTIONS, LAT_ACTIONS)]
     scenes = [
         Scene(objects, position, motion, conflicts[0])
@@ -127,17 +127,17 @@ def _best(
         It, and its scores of each recording.
     """
     cells = [(one, _records(one, *answer)) for answer in answers for one in recordings]
-    found, size = score_cells(cells, thresholds), len(recordings)
-    scores = [tuple(found[k : k + size]) for k in range(0, len(found), size)]
+    metrics, size = score_cells(cells, thresholds), len(recordings)
+    scores = [tuple(metrics[k : k + size]) for k in range(0, len(metrics), size)]
     values = [mean(one.ivcs for one in of_answer).value or 0.0 for of_answer in scores]
     first = next(k for k, value in enumerate(values) if value >= max(values) - EQUAL)
     return answers[first], scores[first]
 
 
-def _seen(vocabulary: Sequence[str], words: Iterable[str | None]) -> list[str | None]:
+def _words_in_labels(vocabulary: Sequence[str], words: Iterable[str | None]) -> list[str | None]:
     """Return the words of a vocabulary that labels have, in its order; [None] if they have none."""
-    found = set(words)
-    return [word for word in vocabulary if word in found] or [None]
+    label_words = set(words)
+    return [word for word in vocabulary if word in label_words] or [None]
 
 
 def _objects(sets: Iterable[tuple[str, ...] | None]) -> list[tuple[str, ...] | None]:
@@ -145,13 +145,15 @@ def _objects(sets: Iterable[tuple[str, ...] | None]) -> list[tuple[str, ...] | N
 
     A set that a label has stands in the label's order, the critical object first.
     """
-    seen = [one for one in sets if one is not None]
-    ordered = {frozenset(one): one for one in reversed(seen)}
-    classes = [word for word in OBJECTS if any(word in one for one in seen)]
-    found: list[tuple[str, ...] | None] = [() for one in seen[:1] if frozenset() in ordered]
+    label_sets = [one for one in sets if one is not None]
+    ordered = {frozenset(one): one for one in reversed(label_sets)}
+    classes = [word for word in OBJECTS if any(word in one for one in label_sets)]
+    object_sets: list[tuple[str, ...] | None] = [
+        () for one in label_sets[:1] if frozenset() in ordered
+    ]
     for size in range(1, len(classes) + 1):
-        found += [ordered.get(frozenset(one), one) for one in combinations(classes, size)]
-    return found or [None]
+        object_sets += [ordered.get(frozenset(one), one) for one in combinations(classes, size)]
+    return object_sets or [None]
 
 
 def _records(labels: Labels, scene: Scene, plan: Plan) -> list[BehaviourRecord]:

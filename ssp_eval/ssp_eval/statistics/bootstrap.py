@@ -50,14 +50,14 @@ def resampled_scores(
         By metric (B,); NaN where a denominator is 0, which counts as 0 in IVCS (METHOD 6.11).
     """
     columns = np.column_stack([terms.term(name) for name in SUMMED]).astype(np.float64)
-    found = ratios(dict(zip(SUMMED, weighted_sums(weights, columns), strict=True)))
+    scores = ratios(dict(zip(SUMMED, weighted_sums(weights, columns), strict=True)))
     response_s = np.full(len(weights), np.nan)
     for place in reversed(np.flatnonzero(response_begins(terms, thresholds))):
         response_s[weights[:, place] > 0] = terms.record_t_s[place]
-    found["rsr"] = (~np.isnan(response_s)).astype(np.float64)
-    found["rl_s"] = np.maximum(response_s - terms.risk_onset_s, 0.0)
-    found["ivcs"] = weighted_ivcs(found)
-    return {metric: found[metric] for metric in METRIC_NAMES}
+    scores["rsr"] = (~np.isnan(response_s)).astype(np.float64)
+    scores["rl_s"] = np.maximum(response_s - terms.risk_onset_s, 0.0)
+    scores["ivcs"] = weighted_ivcs(scores)
+    return {metric: scores[metric] for metric in METRIC_NAMES}
 
 
 def weighted_ivcs(scores: Mapping[str, Numbers]) -> Numbers:
@@ -205,7 +205,7 @@ def bootstrap_records(
         block: labels that are drawn together; None: as block_of has it for each clip.
         thresholds: of the scores.
     """
-    found: dict[tuple[str, ...], dict[str, Estimate]] = {}
+    estimates_by_cell: dict[tuple[str, ...], dict[str, Estimate]] = {}
     sums = {by: _GroupSums(by, resamples) for by in groupings}
     differences = LabelDifferences(compared_metrics({row.model for row, _ in cells}), resamples)
     in_order = sorted(cells, key=lambda one: (*one[0].key, one[0].run))
@@ -224,17 +224,17 @@ def bootstrap_records(
             weights = block_draws(count, length, resamples, clip_generator(seed, row, count))
             samples = resampled_scores(terms, weights, thresholds)
             estimates = cell_estimates(terms, samples, length, thresholds)
-            found[(*key, row.run)] = estimates
+            estimates_by_cell[(*key, row.run)] = estimates
             runs.append((samples, estimates))
             rows.append(row)
             clips[(row.scenario, row.domain, count)] = length
             on_cell()
-        drawn, scores = _over_runs(runs)
+        cell_samples, scores = _over_runs(runs)
         for total in sums.values():
-            total.add(rows, clips, drawn, scores)
-        differences.add(key[2], clips, drawn)
+            total.add(rows, clips, cell_samples, scores)
+        differences.add(key[2], clips, cell_samples)
     groups = {by: total.estimates() for by, total in sums.items()}
-    return Bootstrap(found, groups, differences.intervals())
+    return Bootstrap(estimates_by_cell, groups, differences.intervals())
 
 
 def clip_generator(seed: int, row: CellRow, count: int) -> np.random.Generator:
@@ -272,8 +272,8 @@ class _GroupSums:
         """Release the sums of a scenario's own groups: cells of a scenario come together."""
         if "scenario" in self._by:
             self._ended |= self._estimates()
-            for kept in (self._sums, self._values, self._clips):
-                kept.clear()
+            for mapping in (self._sums, self._values, self._clips):
+                mapping.clear()
 
     def add(
         self,
@@ -298,16 +298,16 @@ class _GroupSums:
         return dict(sorted((self._ended | self._estimates()).items()))
 
     def _estimates(self) -> dict[Group, dict[str, Estimate]]:
-        found: dict[Group, dict[str, Estimate]] = {}
+        estimates: dict[Group, dict[str, Estimate]] = {}
         for key in sorted(self._sums):
             clips = self._clips[key]
             items = sum(count / block for (*_, count), block in clips.items())
             ends, unit = reach(items, len(clips)), label_unit(clips.values())
-            found[key] = {}
+            estimates[key] = {}
             for i, metric in enumerate(METRIC_NAMES):
                 over = mean(self._values[key][i])
-                found[key][metric] = _estimate(self._sums[key][i].mean, over, ends, unit)
-        return found
+                estimates[key][metric] = _estimate(self._sums[key][i].mean, over, ends, unit)
+        return estimates
 
 
 def _estimate(
@@ -370,5 +370,5 @@ def bootstrap_mean(
     total, count = resampled_sums(np.column_stack((sums, sizes)), resamples, rng)
     left_out = (sums.sum() - sums) / (sizes.sum() - sizes)
     value = float(sums.sum() / sizes.sum())
-    found = estimated(total / count, value, n, left_out, n, unit)
-    return replace(found, student=cluster_interval(sums.tolist(), sizes.tolist()))
+    estimate = estimated(total / count, value, n, left_out, n, unit)
+    return replace(estimate, student=cluster_interval(sums.tolist(), sizes.tolist()))

@@ -104,18 +104,18 @@ def compare(
         seed: of the random signs.
         constants: the best blind constant's cells; empty: they are unknown.
     """
-    kept = [row for row in rows if row.admitted or subject != "domain"]
+    usable_rows = [row for row in rows if row.admitted or subject != "domain"]
     values: dict[str, dict[tuple[str, str], CellRow]] = {}
-    for row in kept:
+    for row in usable_rows:
         other = row.model if subject == "domain" else row.domain
         values.setdefault(getattr(row, subject), {})[(row.scenario, other)] = row
     names = sorted(values, key=lambda name: in_order([name]))
-    found = [
+    comparisons = [
         _comparison(subject, first, second, metric, values, seed, constants)
         for metric in IVCS_FIRST
         for first, second in combinations(names, 2)
     ]
-    return holm(found)
+    return holm(comparisons)
 
 
 def _comparison(
@@ -143,7 +143,7 @@ def _comparison(
     ahead = sum(0.5 if abs(d) <= EQUAL else float(d > 0) for d in differences) / n
     is_domain = subject == "domain"
     labels_alone = math.fsum(gained) / n if is_domain else None
-    found = Comparison(
+    comparison = Comparison(
         subject,
         first,
         second,
@@ -158,13 +158,13 @@ def _comparison(
         without_interval=no_interval(of_scenario),
     )
     if metric != TESTED or n < 2:
-        return found
+        return comparison
     names = (subject, first, second, metric)
     p, least = _flipped(differences, seed, "signs", *names)
     together = [math.fsum(of_one) for of_one in of_scenario.values()]
     p_scenarios = _flipped(together, seed, "scenarios", *names)[0] if scenarios > 1 else None
     exact = len(_differing(differences)) <= EXACT_PAIRS
-    return replace(found, p=p, p_least=least, exact=exact, p_scenarios=p_scenarios)
+    return replace(comparison, p=p, p_least=least, exact=exact, p_scenarios=p_scenarios)
 
 
 def _gained(
@@ -233,12 +233,12 @@ def holm(comparisons: Sequence[Comparison]) -> list[Comparison]:
 def step_down(values: Sequence[float | None]) -> list[float | None]:
     """Apply Holm's correction: the k-th least p times m − k + 1, never decreasing."""
     present = sorted((p, i) for i, p in enumerate(values) if p is not None)
-    found: list[float | None] = [None] * len(values)
+    p_holm: list[float | None] = [None] * len(values)
     reached = 0.0
     for step, (p, i) in enumerate(present):
         reached = max(reached, min(1.0, p * (len(present) - step)))
-        found[i] = reached
-    return found
+        p_holm[i] = reached
+    return p_holm
 
 
 # Of more models than the first number only IVCS is compared, of more than the second nothing: each
@@ -307,10 +307,10 @@ class LabelDifferences:
             return
         if (pair, metric) not in self._sums:
             self._sums[pair, metric] = _OverClips(NanMean.of(self._resamples))
-        found = self._sums[pair, metric]
-        found.differences.add(difference)
-        found.blocks += blocks
-        found.clips += 1
+        sums = self._sums[pair, metric]
+        sums.differences.add(difference)
+        sums.blocks += blocks
+        sums.clips += 1
 
     def intervals(self) -> dict[tuple[Pair, str], Interval]:
         """Return by pair and metric the 95 % percentile interval, expanded for few blocks."""
@@ -319,5 +319,5 @@ class LabelDifferences:
         return {key: _interval(self._sums[key]) for key in sorted(self._sums)}
 
 
-def _interval(found: _OverClips) -> Interval:
-    return percentile_interval(found.differences.mean, reach(found.blocks, found.clips))
+def _interval(sums: _OverClips) -> Interval:
+    return percentile_interval(sums.differences.mean, reach(sums.blocks, sums.clips))

@@ -50,11 +50,11 @@ def constants_of_cells(rows: Sequence[CellRow], cells: Sequence[CellData]) -> li
     """
     main = scale(rows)
     thresholds: Thresholds = DEFAULT
-    found: dict[str, dict[str, tuple[CellRow, Labels]]] = {}
+    by_scenario: dict[str, dict[str, tuple[CellRow, Labels]]] = {}
     for row, cell in zip(rows, cells, strict=True):
         if cell.score is None:
             continue
-        found.setdefault(row.scenario, {}).setdefault(row.domain, (row, cell.labels))
+        by_scenario.setdefault(row.scenario, {}).setdefault(row.domain, (row, cell.labels))
         if main and row.thresholds == main:
             thresholds = cell.thresholds
     return [
@@ -63,11 +63,11 @@ def constants_of_cells(rows: Sequence[CellRow], cells: Sequence[CellData]) -> li
             best_constant(tuple(labels for _, labels in of.values()), thresholds),
             tuple(replace(row, thresholds=main) for row, _ in of.values()),
         )
-        for scenario, of in sorted(found.items())
+        for scenario, of in sorted(by_scenario.items())
     ]
 
 
-def constant_rows(found: Iterable[OfScenario]) -> list[CellRow]:
+def constant_rows(constants: Iterable[OfScenario]) -> list[CellRow]:
     """Return a row of each recording, a control, with the scores of its scenario's constant."""
     return [
         CellRow(
@@ -81,15 +81,15 @@ def constant_rows(found: Iterable[OfScenario]) -> list[CellRow]:
             declared_by=row.declared_by,
             thresholds=row.thresholds,
         )
-        for one in found
+        for one in constants
         for row, score in zip(one.recordings, one.constant.scores, strict=True)
     ]
 
 
-def constant_table(found: Sequence[OfScenario]) -> Table:
+def constant_table(constants: Sequence[OfScenario]) -> Table:
     """Return what each constant says and does, with its mean scores over the recordings."""
     keys = ("sem_acc_eff", "cia_eff", "tqsr", "rsr", "ivcs")
-    has_runs = any(row.run for one in found for row in one.recordings)
+    has_runs = any(row.run for one in constants for row in one.recordings)
     columns = (
         Column("scenario", "scenario", "text"),
         Column("run", "run", "text", printed=has_runs),
@@ -100,7 +100,7 @@ def constant_table(found: Sequence[OfScenario]) -> Table:
         Column("domains", "IVCS by domain", "text"),
     )
     rows: list[tuple[Value, ...]] = []
-    for one in found:
+    for one in constants:
         scores = one.constant.scores
         path = one.constant.plan.trajectory
         points = zip(path.t_s, path.x_m, path.y_m, strict=True)
@@ -136,8 +136,8 @@ def constant_table(found: Sequence[OfScenario]) -> Table:
 
 def constants_in(rows: Iterable[CellRow]) -> dict[Place, Cell]:
     """Return the constant's cell of each scenario and domain, as its rows have it."""
-    chosen = merged([row for row in rows if row.status == OK and row.model == BEST_CONSTANT])
-    return {(row.scenario, row.domain): row.cell() for row in chosen}
+    merged_rows = merged([row for row in rows if row.status == OK and row.model == BEST_CONSTANT])
+    return {(row.scenario, row.domain): row.cell() for row in merged_rows}
 
 
 def instead(cells: Iterable[Cell], constants: Mapping[Place, Cell]) -> list[Cell]:

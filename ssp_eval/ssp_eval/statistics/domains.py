@@ -66,10 +66,10 @@ def finding(
     """
     if difference is None:
         return ""
-    found = [without] if interval.low is None else []
+    remarks = [without] if interval.low is None else []
     if labels_alone is not None and EQUAL < abs(labels_alone) >= abs(difference) - EQUAL:
-        found.append(f"{NOT_OWED}: the labels alone give {labels_alone:+.3f}")
-    return "; ".join(found)
+        remarks.append(f"{NOT_OWED}: the labels alone give {labels_alone:+.3f}")
+    return "; ".join(remarks)
 
 
 def domain_differences(
@@ -94,7 +94,7 @@ def domain_differences(
             (second, first, scenario, label, *_row(own, blind, first, second, places))
             for first, second, scenario, places in parts
         ]
-    said = (
+    explanations = (
         "difference: mean of domain minus mean of compared with; Δ: relative to |compared with|, "
         "from unrounded values, – where that is 0. n counts pairs of cells with the same scenario "
         "and model in both domains.",
@@ -106,7 +106,7 @@ def domain_differences(
         "Differences between domains",
         _columns(Column("metric", "score", "text")),
         tuple(rows),
-        (*said, *notes),
+        (*explanations, *notes),
     )
 
 
@@ -158,14 +158,14 @@ def _parts(cells: Iterable[Cell]) -> list[tuple[str, str, str, list[Model]]]:
     for cell in cells:
         if cell.admitted:
             there.setdefault(cell.domain, set()).add((cell.scenario, cell.model))
-    found = []
+    parts = []
     for first, second in combinations(sorted(there, key=lambda name: in_order([name])), 2):
         shared = sorted(there[first] & there[second])
         scenarios = sorted({scenario for scenario, _ in shared})
         if len(scenarios) != 1:
-            found.append((first, second, ALL, shared))
-        found += [(first, second, name, [x for x in shared if x[0] == name]) for name in scenarios]
-    return found
+            parts.append((first, second, ALL, shared))
+        parts += [(first, second, name, [x for x in shared if x[0] == name]) for name in scenarios]
+    return parts
 
 
 # By domain, scenario and model.
@@ -184,17 +184,19 @@ def _row(
     own: _Known, blind: _Known, first: str, second: str, places: Sequence[Model]
 ) -> tuple[Value, ...]:
     """Return a row's numbers, over the places where neither score is null."""
-    kept = [p for p in places if (first, *p) in own and (second, *p) in own]
-    base, other = (mean(own[name, *p] for p in kept).value for name in (first, second))
+    common_places = [p for p in places if (first, *p) in own and (second, *p) in own]
+    base, other = (mean(own[name, *p] for p in common_places).value for name in (first, second))
     difference = None if base is None or other is None else other - base
     of_scenario: dict[str, list[float]] = {}
-    for place in kept:
+    for place in common_places:
         of_scenario.setdefault(place[0], []).append(own[second, *place] - own[first, *place])
     interval = over_recordings(of_scenario)
-    gained = [blind.get((second, *p), math.nan) - blind.get((first, *p), math.nan) for p in kept]
+    gained = [
+        blind.get((second, *p), math.nan) - blind.get((first, *p), math.nan) for p in common_places
+    ]
     labels_alone = None if not gained or any(map(math.isnan, gained)) else mean(gained).value
     return (
-        len(kept),
+        len(common_places),
         difference,
         interval.low,
         interval.high,

@@ -65,14 +65,14 @@ def grid(table: Table, links: Sequence[str] = ()) -> Grid:
     heads = tuple(Field(column.title, "", _look(column)) for column in columns)
     rows = []
     for row, link in zip(table.rows, links or [""] * len(table.rows), strict=True):
-        shown = fields(table, row)
+        row_fields = fields(table, row)
         total = sum(_count(table, row, key) for key in (*STAGE_NAMES, NONE))
         rows.append(
             tuple(
                 Field(
-                    _spoken(column, shown[place].text),
-                    "" if shown[place].n is None else f"n={shown[place].n}",
-                    _look(column) or ("words" if len(shown[place].text) > _LONG else ""),
+                    _spoken(column, row_fields[place].text),
+                    "" if row_fields[place].n is None else f"n={row_fields[place].n}",
+                    _look(column) or ("words" if len(row_fields[place].text) > _LONG else ""),
                     _share(column, row[place], total),
                     link if column.key == "model" else "",
                 )
@@ -127,6 +127,6 @@ def common_notes(grids: Sequence[Grid]) -> tuple[tuple[str, ...], list[Grid]]:
     return common, [without_notes(one, common) for one in grids]
 
 
-def without_notes(one: Grid, told: Collection[str]) -> Grid:
+def without_notes(one: Grid, page_notes: Collection[str]) -> Grid:
     """Return the grid without notes that the page has already shown."""
-    return replace(one, notes=tuple(note for note in one.notes if note not in told))
+    return replace(one, notes=tuple(note for note in one.notes if note not in page_notes))

@@ -21,17 +21,17 @@ def label_table(cells: Iterable[CellData], audits: Sequence[Audit]) -> Table:
         audits: those that the cells go by; they know the size of the critical object.
     """
     sizes = {r.bag_sha256: r.labels for audit in audits for r in audit.recordings}
-    seen: dict[tuple[str, str], CellData] = {}
+    recordings: dict[tuple[str, str], CellData] = {}
     for cell in cells:
         if cell.score is not None:
-            seen.setdefault((cell.scenario, cell.domain), cell)
+            recordings.setdefault((cell.scenario, cell.domain), cell)
     rows: list[tuple[Value, ...]] = []
     lacking = []
-    for (scenario, domain), cell in seen.items():
+    for (scenario, domain), cell in recordings.items():
         counted = sizes.get(cell.facts.hashes.get("bag") or "")
-        known = _by_time(counted)
+        sizes_by_time = _by_time(counted)
         for label in cell.labels.labels:
-            size = known.get(round(label.t_s, 6))
+            size = sizes_by_time.get(round(label.t_s, 6))
             height_px = None if size is None else size.height_px
             mark = HARDLY_VISIBLE if size is not None and size.hardly_visible else ""
             rows.append(
@@ -50,7 +50,7 @@ def label_table(cells: Iterable[CellData], audits: Sequence[Audit]) -> Table:
                     mark,
                 )
             )
-        if all(one.height_px is None for one in known.values()):
+        if all(one.height_px is None for one in sizes_by_time.values()):
             why = (counted.sizes_from if counted is not None else "") or "not in its audit"
             lacking.append(f"{scenario} / {domain} ({why.removeprefix('not known: ')})")
     notes = [

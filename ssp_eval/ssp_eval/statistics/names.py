@@ -45,8 +45,8 @@ def is_mean_name(name: str) -> bool:
         return True
     # MeanIVCS, AvgScore; but MeanFlow is a model.
     humps = _words(_HUMP.sub(" ", plain))
-    said = humps & (_MEAN_WORDS | _TOTAL_WORDS)
-    return bool(said) and humps <= _MEAN_WORDS | _TOTAL_WORDS | _BESIDE | _METRICS
+    mean_words = humps & (_MEAN_WORDS | _TOTAL_WORDS)
+    return bool(mean_words) and humps <= _MEAN_WORDS | _TOTAL_WORDS | _BESIDE | _METRICS
 
 
 def _words(name: str) -> set[str]:
@@ -62,7 +62,7 @@ def doubtful_names(names: Mapping[str, Iterable[str]]) -> list[tuple[str, tuple[
     Returns:
         Sentences, each with the names that it is about.
     """
-    found = []
+    doubts = []
     for key, many in _KINDS:
         alike: dict[str, list[str]] = {}
         for name in sorted(set(names.get(key, ()))):
@@ -74,15 +74,15 @@ def doubtful_names(names: Mapping[str, Iterable[str]]) -> list[tuple[str, tuple[
                     f"{some(group, ' and ')}. They count as {len(group)} {many}; if they are one, "
                     "write its name alike everywhere."
                 )
-                found.append((text, tuple(group)))
+                doubts.append((text, tuple(group)))
         if means := [name for group in alike.values() for name in group if is_mean_name(name)]:
             text = (
                 f"Named like a mean, and counted as a {key} like any other: {some(sorted(means))}. "
                 "A mean over scenarios or domains has the scenario or domain macro; a mean over "
                 "models has to be left out."
             )
-            found.append((text, tuple(sorted(means))))
-    return found
+            doubts.append((text, tuple(sorted(means))))
+    return doubts
 
 
 def control_names(models: Sequence[str]) -> list[str]:
@@ -93,31 +93,31 @@ def control_names(models: Sequence[str]) -> list[str]:
     """
     own = {folded(name): name for name in (*CONTROLS, *ANSWERERS, BEST_CONSTANT)}
     names = sorted(set(models))
-    taken = [name for name in names if is_control_name(name)]
-    answering = [name for name in names if name in ANSWERERS and name not in taken]
+    clashes = [name for name in names if is_control_name(name)]
+    answering = [name for name in names if name in ANSWERERS and name not in clashes]
     nearly = {
-        name: written
+        name: control_name
         for name in names
-        if name not in (*own.values(), *taken) and (written := _control_written(name, own))
+        if name not in (*own.values(), *clashes) and (control_name := _control_written(name, own))
     }
-    found = []
-    if taken:
-        found.append(
-            f"by {'its name a control' if len(taken) == 1 else 'their names controls'} of the "
-            f"harness, which enter no mean: {some(taken)}. A model needs another name."
+    remarks = []
+    if clashes:
+        remarks.append(
+            f"by {'its name a control' if len(clashes) == 1 else 'their names controls'} of the "
+            f"harness, which enter no mean: {some(clashes)}. A model needs another name."
         )
     if answering:
-        found.append(
+        remarks.append(
             f"answerers of the harness that see nothing, ranked like models: {some(answering)}. "
             "A column control with yes in their lines keeps them out; a model needs another name."
         )
     if nearly:
-        found.append(
+        remarks.append(
             f"ranked as models, with a control's name but for case, dashes or spaces: "
             f"{some([*nearly])}. A control is written {some([*dict.fromkeys(nearly.values())])}; a "
             "model needs another name."
         )
-    return found
+    return remarks
 
 
 def _control_written(name: str, own: Mapping[str, str]) -> str:
@@ -128,5 +128,5 @@ def _control_written(name: str, own: Mapping[str, str]) -> str:
         own: names of controls that are no model under a condition, by the folded ones.
     """
     base, _, condition = name.rpartition("+")
-    written = f"{base.strip()}+{folded(condition)}"
-    return own.get(folded(name)) or (written if is_control_name(written) else "")
+    spelling = f"{base.strip()}+{folded(condition)}"
+    return own.get(folded(name)) or (spelling if is_control_name(spelling) else "")

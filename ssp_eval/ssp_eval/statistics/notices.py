@@ -75,22 +75,22 @@ def notices(
         cells: the cells behind the rows; none where only component scores are known.
         expected: scenarios that the campaign was planned with.
     """
-    found = [
+    all_notices = [
         *_of_plan(rows, expected),
         *_of_rows(rows),
         *_comparability(rows, cells),
         *_label_plans(rows, cells),
         *_of_cells(cells),
     ]
-    return sorted(found, key=lambda notice: not notice.everywhere)
+    return sorted(all_notices, key=lambda notice: not notice.everywhere)
 
 
-def everywhere(found: Iterable[Notice]) -> tuple[str, ...]:
+def everywhere(all_notices: Iterable[Notice]) -> tuple[str, ...]:
     """List the notices that stand under every table."""
-    return tuple(notice.text for notice in found if notice.everywhere)
+    return tuple(notice.text for notice in all_notices if notice.everywhere)
 
 
-def notice_table(found: Sequence[Notice]) -> Table:
+def notice_table(all_notices: Sequence[Notice]) -> Table:
     """Return the notices as a table; in CSV and JSON with every name that each is about."""
     columns = (
         Column("kind", "kind", "text"),
@@ -100,7 +100,7 @@ def notice_table(found: Sequence[Notice]) -> Table:
     )
     rows = tuple(
         (one.kind, one.text, "; ".join(one.about), "yes" if one.everywhere else "no")
-        for one in found
+        for one in all_notices
     )
     return Table("notices", "What to know before comparing", columns, rows)
 
@@ -128,24 +128,24 @@ def _of_plan(rows: Sequence[CellRow], expected: Iterable[str]) -> Iterable[Notic
 
 def declared_texts(rows: Iterable[CellRow]) -> list[tuple[str, tuple[str, ...]]]:
     """Group recordings by the person who declares their domain, with the sentence that says so."""
-    found: dict[tuple[str, str], set[str]] = {}
+    recordings: dict[tuple[str, str], set[str]] = {}
     for row in rows:
         if row.declared_by:
-            where = found.setdefault((row.domain, row.declared_by), set())
+            where = recordings.setdefault((row.domain, row.declared_by), set())
             where.add(f"{row.scenario} / {row.domain}")
     return [
         (
             f"{domain.capitalize()} as declared by {who}: {some(sorted(names))}.",
             tuple(sorted(names)),
         )
-        for (domain, who), names in sorted(found.items())
+        for (domain, who), names in sorted(recordings.items())
     ]
 
 
 def domain_text(rows: Sequence[CellRow]) -> str:
     """Write what a caption must say of the recordings' domains; empty for nothing."""
-    told = (stand_in_text(stand_ins(rows)), *(text for text, _ in declared_texts(rows)))
-    return " ".join(text for text in told if text)
+    texts = (stand_in_text(stand_ins(rows)), *(text for text, _ in declared_texts(rows)))
+    return " ".join(text for text in texts if text)
 
 
 def outage_text(rows: Iterable[CellRow]) -> tuple[str, tuple[str, ...]]:
@@ -177,20 +177,20 @@ def lead(rows: Sequence[CellRow]) -> str:
     models = {row.model for row in rows if not row.control}
     events = "one event" if len(scenarios) == 1 else f"{len(scenarios)} events"
     *others, last = sorted(domains, key=domain_order)
-    named = f"the {', '.join(others)} and {last} domains" if others else f"the {last} domain"
-    found = [
+    domains_text = f"the {', '.join(others)} and {last} domains" if others else f"the {last} domain"
+    sentences = [
         "Scores of driving vision–language–action models that were shown forward video of "
-        f"{events}, recorded in {named}."
+        f"{events}, recorded in {domains_text}."
     ]
     if len(models) > 1:
-        found.append("A difference between two models holds for these recordings only.")
+        sentences.append("A difference between two models holds for these recordings only.")
     if len(domains) > 1:
-        found.append(
+        sentences.append(
             "Each domain has one recording of each event, so a difference between two domains is "
             "a difference between recordings; nothing here shows which of their properties causes "
             "it."
         )
-    return " ".join(found)
+    return " ".join(sentences)
 
 
 def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
@@ -240,11 +240,11 @@ def _of_thresholds(rows: Sequence[CellRow]) -> Iterable[Notice]:
         return
     which = "all cells" if all(row.thresholds for row in scored) else some(others, "; ")
     text = f"Scored with thresholds other than METHOD's: {which}."
-    kept = one_scale(scored)
-    if len(kept) < len(scored):
+    same_scale = one_scale(scored)
+    if len(same_scale) < len(scored):
         text += (
-            f" Cells with different thresholds aren't averaged together: {len(scored) - len(kept)} "
-            "of them enter no mean."
+            " Cells with different thresholds aren't averaged together: "
+            f"{len(scored) - len(same_scale)} of them enter no mean."
         )
     yield Notice(COMPARABILITY, text, tuple(others), everywhere=True)
 
@@ -348,11 +348,11 @@ def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterab
     ]
     mixed: dict[tuple[str, ...], list[str]] = {}
     for key, what in (("bag", "different recordings"), ("labels", "different labels")):
-        told = (
+        hashes = (
             (run, f"{cell.scenario} / {cell.domain}", cell.facts.hashes.get(key))
             for run, cell in runs
         )
-        if names := _several(told):
+        if names := _several(hashes):
             mixed.setdefault(tuple(names), []).append(what)
     for about, kinds in mixed.items():
         text = (
@@ -373,25 +373,25 @@ def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterab
         yield Notice(COMPARABILITY, text, (), everywhere=True)
 
 
-def _several(told: Iterable[tuple[str, str, str | None]]) -> list[str]:
+def _several(facts: Iterable[tuple[str, str, str | None]]) -> list[str]:
     """Name those that have several values in one run.
 
     Args:
-        told: run, name and value.
+        facts: run, name and value.
     """
-    found: dict[tuple[str, str], set[str | None]] = {}
-    for run, name, value in told:
-        found.setdefault((run, name), set()).add(value)
-    return sorted({name for (_, name), values in found.items() if len(values) > 1})
+    by_run_and_name: dict[tuple[str, str], set[str | None]] = {}
+    for run, name, value in facts:
+        by_run_and_name.setdefault((run, name), set()).add(value)
+    return sorted({name for (_, name), values in by_run_and_name.items() if len(values) > 1})
 
 
 def _outside(cells: Sequence[CellData]) -> Iterable[Notice]:
     """Yield the scored recordings that stay out of domain means, by what the audit says of them."""
-    found: dict[str, list[CellData]] = {}
+    by_admission: dict[str, list[CellData]] = {}
     for cell in cells:
         if cell.score is not None and cell.admission != ADMITTED:
-            found.setdefault(cell.admission, []).append(cell)
-    for status, group in sorted(found.items()):
+            by_admission.setdefault(cell.admission, []).append(cell)
+    for status, group in sorted(by_admission.items()):
         names = _recordings(group)
         why = (
             f"Unpaired: the transfer audit refused a partner of {some(names)}."
@@ -412,31 +412,31 @@ def _label_plans(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable
     for row, cell in zip(rows, cells, strict=bool(cells)):
         runs.setdefault(row.run, []).append(cell)
     order = "/".join(PHASES)
-    told = {
-        (name, found): None for of in runs.values() for name, found in compared_labels(of).items()
+    comparisons = {
+        (name, plan): None for of in runs.values() for name, plan in compared_labels(of).items()
     }
-    for scenario, found in told:
-        if found.domains < 2 or found.comparable:
-            clock = found.domains > 1 and not found.aligned
+    for scenario, comparison in comparisons:
+        if comparison.domains < 2 or comparison.comparable:
+            clock = comparison.domains > 1 and not comparison.aligned
             aligned = "; the labels are not phase-aligned" if clock else ""
-            text = f"Labels of {scenario} in {order}: {found.text}{aligned}."
+            text = f"Labels of {scenario} in {order}: {comparison.text}{aligned}."
             yield Notice(LABELS, text, (scenario,))
             continue
         text = (
             f"Not comparable: the labels of {scenario} lie at different places within the phases "
-            f"of each domain ({order}: {found.text}). Its recordings are scored but left out of "
-            "domain means; `ssp labels new SYN SIM PHY` plans their labels together."
+            f"of each domain ({order}: {comparison.text}). Its recordings are scored but left out "
+            "of domain means; `ssp labels new SYN SIM PHY` plans their labels together."
         )
         yield Notice(COMPARABILITY, text, (scenario,), everywhere=True)
 
 
 def _of_renderers(cells: Sequence[CellData]) -> Iterable[Notice]:
     """Yield the domains whose pictures one renderer drew (METHOD 4.4)."""
-    found: dict[str, set[str]] = {}
+    domains_by_renderer: dict[str, set[str]] = {}
     for cell in cells:
         if cell.facts.clip.renderer is not None:
-            found.setdefault(cell.facts.clip.renderer, set()).add(cell.domain)
-    for renderer, domains in sorted(found.items()):
+            domains_by_renderer.setdefault(cell.facts.clip.renderer, set()).add(cell.domain)
+    for renderer, domains in sorted(domains_by_renderer.items()):
         if len(domains) > 1:
             text = (
                 f"{renderer[0].upper()}{renderer[1:]} drew the pictures of {len(domains)} domains: "
@@ -448,23 +448,25 @@ def _of_renderers(cells: Sequence[CellData]) -> Iterable[Notice]:
 
 def _of_carla(cells: Sequence[CellData]) -> Iterable[Notice]:
     """Yield bodies of CARLA, which aren't of the size or the physics that the run reckons with."""
-    found = {
+    bodies_by_recording = {
         (cell.scenario, cell.domain): cell.facts.clip.carla
         for cell in cells
         if cell.facts.clip.carla
     }
-    for (scenario, domain), bodies in sorted(found.items()):
-        told = ". ".join(f"{name[0].upper()}{name[1:]}: {text}" for name, text in bodies.items())
-        text = f"CARLA drew or moved {scenario} in {domain}. {told}."
+    for (scenario, domain), bodies in sorted(bodies_by_recording.items()):
+        description = ". ".join(
+            f"{name[0].upper()}{name[1:]}: {text}" for name, text in bodies.items()
+        )
+        text = f"CARLA drew or moved {scenario} in {domain}. {description}."
         yield Notice(RENDERER, text, (scenario,), everywhere=True)
 
 
 def _of_drivers(cells: Sequence[CellData]) -> Iterable[Notice]:
-    found: dict[str, set[str]] = {}
+    recordings_by_driver: dict[str, set[str]] = {}
     for cell in cells:
         if driver := cell.facts.clip.driven_by:
-            found.setdefault(driver, set()).add(f"{cell.scenario} / {cell.domain}")
-    for driver, names in sorted(found.items()):
+            recordings_by_driver.setdefault(driver, set()).add(f"{cell.scenario} / {cell.domain}")
+    for driver, names in sorted(recordings_by_driver.items()):
         text = (
             f"{some(sorted(names))}: {driver} drove the VUT. Other models are asked about the "
             "situations that it met, and the recording belongs to no domain."
@@ -504,9 +506,9 @@ def _recordings(cells: Iterable[CellData]) -> list[str]:
 
 def _assumed(cells: Sequence[CellData]) -> dict[str, list[str]]:
     """Return the recordings by quantities that aren't measured in them, and their replacements."""
-    found: dict[str, set[str]] = {}
+    recordings: dict[str, set[str]] = {}
     for cell in cells:
         parts = (("ego motion", cell.facts.clip.ego), ("camera", cell.facts.clip.camera))
         if what := " and ".join(f"{name} ({how})" for name, how in parts if how != "measured"):
-            found.setdefault(what, set()).add(f"{cell.scenario} / {cell.domain}")
-    return {what: sorted(names) for what, names in sorted(found.items())}
+            recordings.setdefault(what, set()).add(f"{cell.scenario} / {cell.domain}")
+    return {what: sorted(names) for what, names in sorted(recordings.items())}

@@ -76,19 +76,19 @@ def signed_rank(differences: Sequence[float]) -> Test:
     approximation.
     """
     # Differences within EQUAL of each other are ties and not an order of rounding errors.
-    kept = np.round(np.asarray(differences, dtype=np.float64) / EQUAL) * EQUAL
-    kept = kept[kept != 0.0]
-    n, more = len(kept), int((kept > 0).sum())
+    deltas = np.round(np.asarray(differences, dtype=np.float64) / EQUAL) * EQUAL
+    deltas = deltas[deltas != 0.0]
+    n, more = len(deltas), int((deltas > 0).sum())
     if n == 0:
         return Test(0, 0, 1.0, None, 1.0)
     from scipy.stats import rankdata, wilcoxon  # a second to import
 
     if n > EXACT_UNITS:
-        p = float(wilcoxon(kept, method="asymptotic").pvalue)
+        p = float(wilcoxon(deltas, method="asymptotic").pvalue)
     else:
         # Means of ranks that share a place are halves; doubled, they are whole.
-        ranks = np.round(2 * rankdata(np.abs(kept))).astype(np.int64)
-        least = min(int(ranks[kept > 0].sum()), int(ranks[kept < 0].sum()))
+        ranks = np.round(2 * rankdata(np.abs(deltas))).astype(np.int64)
+        least = min(int(ranks[deltas > 0].sum()), int(ranks[deltas < 0].sum()))
         p = 2 * float(_chances(tuple(sorted(ranks.tolist())))[: least + 1].sum())
     return Test(more, n - more, min(1.0, p), None, 2.0 ** (1 - n))
 

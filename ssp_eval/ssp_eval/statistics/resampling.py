@@ -129,9 +129,9 @@ class NanMean:
     @property
     def mean(self) -> Numbers:
         """(B,) NaN where all samples were."""
-        found = np.full_like(self.total, np.nan)
-        np.divide(self.total, self.count, out=found, where=self.count > 0)
-        return found
+        means = np.full_like(self.total, np.nan)
+        np.divide(self.total, self.count, out=means, where=self.count > 0)
+        return means
 
 
 def weighted_sums(weights: Numbers, values: Numbers) -> Numbers:
@@ -221,8 +221,10 @@ def intervals(present: Numbers, *ends: Shares | None) -> tuple[Interval, ...]:
     if not len(present) or not any(ends):
         return (NO_INTERVAL,) * len(ends)
     shares = [share for one in ends if one is not None for share in one]
-    found = iter(np.quantile(present, shares).tolist())
-    return tuple(NO_INTERVAL if one is None else Interval(next(found), next(found)) for one in ends)
+    quantiles = iter(np.quantile(present, shares).tolist())
+    return tuple(
+        NO_INTERVAL if one is None else Interval(next(quantiles), next(quantiles)) for one in ends
+    )
 
 
 def percentile_shares(reach: float | None) -> Shares | None:
@@ -274,7 +276,7 @@ def bca_shares(
     return float(ndtr(z_0 + low / (1 - a * low))), float(ndtr(z_0 + high / (1 - a * high)))
 
 
-def block_of(count: int, wanted: int | None = None) -> int:
+def block_of(count: int, override: int | None = None) -> int:
     """Return how many labels are drawn together: the rounded cube root of their number.
 
     That is the order of length at which the variance of a mean is estimated best (Hall, Horowitz
@@ -282,9 +284,9 @@ def block_of(count: int, wanted: int | None = None) -> int:
 
     Args:
         count: labels of the clip.
-        wanted: another length, which is cut to half of the clip.
+        override: another length, which is cut to half of the clip.
     """
-    length = round(count ** (1 / 3)) if wanted is None else wanted
+    length = round(count ** (1 / 3)) if override is None else override
     return max(1, min(length, count // 2))
 
 

@@ -44,12 +44,12 @@ def named_audits(folders: Sequence[Path], cells: Iterable[CellFacts]) -> list[Au
     One that can't be read is left out: its cells say so.
     """
     files = {digest: file for folder in folders for digest, file in kept_audits(folder).items()}
-    found = []
+    audits = []
     for digest in dict.fromkeys(cell.admission.audit_sha256 for cell in cells):
         if digest is not None and digest in files:
             with suppress(InputError):
-                found.append(load_audit(files[digest]))
-    return found
+                audits.append(load_audit(files[digest]))
+    return audits
 
 
 def response_table(audits: Iterable[Audit]) -> Table | None:

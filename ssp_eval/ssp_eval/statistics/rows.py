@@ -374,8 +374,8 @@ class _Line(
     def row(self) -> CellRow:
         values = self.model_dump(exclude={"risk", "ivcs"})
         if self.risk is not None:
-            found = _RESPONSE.fullmatch(self.risk)
-            values |= {"rsr": int(found is not None), "rl_s": float(found[1]) if found else None}
+            match = _RESPONSE.fullmatch(self.risk)
+            values |= {"rsr": int(match is not None), "rl_s": float(match[1]) if match else None}
         elif not self.is_macro and self.rsr is not None:
             values |= {"rsr": int(self.rsr), "rl_s": self.rl_s if self.rsr else None}
         if self.thresholds == DEFAULT.sha256:
@@ -418,7 +418,7 @@ def rows_from_csv(path: Path, tell: Callable[[str], None] = lambda _note: None) 
             stands twice, cells and macro rows are mixed, or facts of a model contradict each
             other; with its line.
     """
-    found: dict[tuple[object, ...], int] = {}
+    first_lines: dict[tuple[object, ...], int] = {}
     facts: dict[str, _Read] = {}
     rows: list[CellRow] = []
     unnamed: list[str] = []
@@ -432,7 +432,7 @@ def rows_from_csv(path: Path, tell: Callable[[str], None] = lambda _note: None) 
                 line=line,
                 remedy="analyse them apart: what is averaged already can't be averaged with cells",
             )
-        first = found.setdefault((*row.key, row.run, row.seed), line)
+        first = first_lines.setdefault((*row.key, row.run, row.seed), line)
         if first != line:
             raise InputError(
                 f"cell {' / '.join(row.key)} stands in line {first} already",
@@ -452,12 +452,12 @@ def rows_from_csv(path: Path, tell: Callable[[str], None] = lambda _note: None) 
                     remedy="a model has one value in all its lines",
                 )
         if read.ivcs is not None and row.ivcs is not None:
-            given, unit = read.ivcs
-            if abs(given - row.ivcs) > unit:
-                text = f"{given:g} there, {row.ivcs:.4f} computed"
-                others.append((abs(given - row.ivcs), line, text))
-            if row.over and given != row.ivcs:
-                row = replace(row, weighted=given)
+            file_ivcs, unit = read.ivcs
+            if abs(file_ivcs - row.ivcs) > unit:
+                text = f"{file_ivcs:g} there, {row.ivcs:.4f} computed"
+                others.append((abs(file_ivcs - row.ivcs), line, text))
+            if row.over and file_ivcs != row.ivcs:
+                row = replace(row, weighted=file_ivcs)
         if not read.named:
             unnamed.append(row.model)
         rows.append(row)
@@ -539,29 +539,29 @@ def _of_row(path: Path, error: InputError) -> InputError:
 
 
 def _read(fields: Mapping[str, str], path: Path, number: int) -> _Read:
-    given: dict[str, Any] = {key: text for key, text in fields.items() if text not in _NULLS}
+    entries: dict[str, Any] = {key: text for key, text in fields.items() if text not in _NULLS}
     if not set(_OF_CELLS) & fields.keys():
-        given |= dict.fromkeys(_OF_CELLS, MACRO)
+        entries |= dict.fromkeys(_OF_CELLS, MACRO)
     try:
-        _check_numbers(given)
-        line = parse_model(_Line, given, path)
+        _check_numbers(entries)
+        line = parse_model(_Line, entries, path)
     except InputError as error:
         raise error.each(partial(_of_row, path)).in_line(number) from error
-    named = "control" in line.model_fields_set
+    has_control = "control" in line.model_fields_set
     if line.ivcs is None:
-        return _Read(number, line.row(), None, named)
+        return _Read(number, line.row(), None, has_control)
     unit = max(1e-9, 10.0 ** -len(fields["ivcs"].partition(".")[2]))
-    return _Read(number, line.row(), (line.ivcs, unit), named)
+    return _Read(number, line.row(), (line.ivcs, unit), has_control)
 
 
-def _check_numbers(given: Mapping[str, Any]) -> None:
+def _check_numbers(entries: Mapping[str, Any]) -> None:
     """Raise InputError where digits are grouped by underscores, which the model would read."""
-    for key in _NUMBERS.intersection(given):
-        if isinstance(given[key], str) and "_" in given[key]:
+    for key in _NUMBERS.intersection(entries):
+        if isinstance(entries[key], str) and "_" in entries[key]:
             raise InputError(
                 "is no number",
                 field=key,
-                value=given[key],
+                value=entries[key],
                 remedy="write its digits without underscores",
             )
 
@@ -600,9 +600,9 @@ def _checked_names(
             remedy="an empty field stands for null, but the column must be there",
         )
     # What our own remark says stands in other columns too.
-    known = (*_Line.model_fields, "remark")
-    if ignored := [name for name in names if name not in known]:
-        shown = ", ".join(name or "one without a name" for name in ignored)
-        told = ", ".join(_Line.model_fields)
-        tell(f"{path}: columns that are ignored: {shown}. Known are {told}.")
+    column_names = (*_Line.model_fields, "remark")
+    if ignored := [name for name in names if name not in column_names]:
+        ignored_names = ", ".join(name or "one without a name" for name in ignored)
+        known_names = ", ".join(_Line.model_fields)
+        tell(f"{path}: columns that are ignored: {ignored_names}. Known are {known_names}.")
     return names

@@ -56,14 +56,14 @@ def component_means(rows: Sequence[CellRow], subject: str) -> dict[str, list[flo
 
     IVCS is linear in them, so the mean IVCS under any weights follows.
     """
-    found: dict[str, list[list[float]]] = {}
+    values_by_subject: dict[str, list[list[float]]] = {}
     for row in rows:
         if row.admitted or subject != "domain":
             values = [row.components[name] or 0.0 for name in ivcs_weights()]
-            found.setdefault(getattr(row, subject), []).append(values)
+            values_by_subject.setdefault(getattr(row, subject), []).append(values)
     return {
         name: [math.fsum(column) / len(cells) for column in zip(*cells, strict=True)]
-        for name, cells in sorted(found.items())
+        for name, cells in sorted(values_by_subject.items())
     }
 
 
@@ -108,18 +108,18 @@ def sample_weights(
     defined = table @ np.array(list(ivcs_weights().values()))
     base = signs(defined)
     rng = generator(seed, "weights", subject)
-    held, first, taus = np.zeros(len(base)), np.zeros(len(names)), []
+    agreements, first, taus = np.zeros(len(base)), np.zeros(len(names)), []
     for start in range(0, samples, _BLOCK):
         count = min(_BLOCK, samples - start)
         values = rng.dirichlet(np.ones(table.shape[1]), size=count) @ table.T
         order = signs(values)
-        held += np.sum(order == base, axis=0)
+        agreements += np.sum(order == base, axis=0)
         first += np.sum(values >= values.max(axis=1, keepdims=True) - EQUAL, axis=0)
         taus.append(kendall_tau(order, base))
     tau = np.concatenate(taus)
     tau = tau[~np.isnan(tau)]
     pairs = []
-    for (a, b), sign, share in zip(combinations(names, 2), base, held / samples, strict=True):
+    for (a, b), sign, share in zip(combinations(names, 2), base, agreements / samples, strict=True):
         ahead, behind = (b, a) if sign < 0 else (a, b)
         pairs.append(PairOrder(ahead, behind, sign == 0, float(share)))
     return WeightSamples(

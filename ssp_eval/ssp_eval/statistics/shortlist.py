@@ -91,13 +91,13 @@ def _with_outages(stages: Sequence[Mapping[str, Stage]]) -> list[LeftOut]:
 def _stage(cells: Sequence[CellData], domain: DomainWord) -> dict[str, Stage]:
     """Collect by scenario the scored cells of a domain, controls left out."""
     rows = rows_from_cells(list(cells))
-    kept = {id(row) for row in one_scale(rows)}
-    found: dict[str, dict[str, tuple[CellRow, CellData]]] = {}
+    row_ids = {id(row) for row in one_scale(rows)}
+    stages: dict[str, dict[str, tuple[CellRow, CellData]]] = {}
     for row, cell in zip(rows, cells, strict=True):
-        usable = cell.score is not None and not row.control and id(row) in kept
+        usable = cell.score is not None and not row.control and id(row) in row_ids
         if usable and row.domain == domain:
-            found.setdefault(row.scenario, {})[row.model] = (row, cell)
-    if not found:
+            stages.setdefault(row.scenario, {})[row.model] = (row, cell)
+    if not stages:
         there = sorted({row.domain for row in rows})
         raise InputError(
             f"holds no scored cell of a model in the domain {domain}",
@@ -105,7 +105,7 @@ def _stage(cells: Sequence[CellData], domain: DomainWord) -> dict[str, Stage]:
             value=", ".join(there),
             remedy="give the campaign of the synthetic stage first, then that of the simulation",
         )
-    return dict(found)
+    return dict(stages)
 
 
 def _not_comparable(one: Stage, other: Stage, common: Sequence[str]) -> str:
@@ -164,8 +164,8 @@ def _width(cells: Sequence[tuple[CellRow, CellData]], resamples: int) -> float:
         for row, cell in cells
         if cell.score is not None
     ]
-    found = bootstrap_records(terms, (), resamples, SEED).cells
-    ends = [estimates["ivcs"].percentile for estimates in found.values()]
+    estimates_by_cell = bootstrap_records(terms, (), resamples, SEED).cells
+    ends = [estimates["ivcs"].percentile for estimates in estimates_by_cell.values()]
     widths = [e.high - e.low for e in ends if e.low is not None and e.high is not None]
     # Of a single label nothing is known: that is as wide as it gets.
     return min(mean([*widths, *[1.0] * (len(ends) - len(widths))]).value or 0.0, 1.0)
@@ -187,7 +187,7 @@ def _reasons(
     failures: Mapping[str, tuple[int, int]],
 ) -> list[str]:
     """List why an event is a candidate, strongest findings in words; empty where it is none."""
-    found = []
+    reasons = []
     if silent and shares[0] >= limits.no_response:
         names = sorted(f"{row.model} ({row.domain})" for row in silent)
         worst = sorted(failures, key=lambda stage: -sum(failures[stage]))[:2]
@@ -196,13 +196,13 @@ def _reasons(
             "label times"
             for stage in worst
         )
-        found.append(f"no risk response: {some(names)}; {stages}")
+        reasons.append(f"no risk response: {some(names)}; {stages}")
     if turned and shares[1] >= limits.turned:
         pairs = [f"{a} and {b}" for a, b in turned]
-        found.append(f"ranks turn from {FIRST} to {SECOND}: {some(pairs, '; ')}")
+        reasons.append(f"ranks turn from {FIRST} to {SECOND}: {some(pairs, '; ')}")
     if shares[2] >= limits.width:
-        found.append(f"intervals of IVCS over labels are {shares[2]:.2f} wide")
-    return found
+        reasons.append(f"intervals of IVCS over labels are {shares[2]:.2f} wide")
+    return reasons
 
 
 def _ranked(events: Sequence[ListedEvent], most: int) -> list[ListedEvent]:
@@ -214,8 +214,8 @@ def _ranked(events: Sequence[ListedEvent], most: int) -> list[ListedEvent]:
         for place, one in enumerate(candidates)
         if (order[str(place)] or 0) <= most
     ]
-    kept = {one.scenario for one in listed}
-    rest = [one for one in events if one.scenario not in kept]
+    scenarios = {one.scenario for one in listed}
+    rest = [one for one in events if one.scenario not in scenarios]
     listed.sort(key=lambda one: (one.rank or 0, one.scenario))
     return [*listed, *sorted(rest, key=lambda one: (-one.priority, one.scenario))]
 
@@ -326,18 +326,18 @@ def shortlist_command(
                 file=cell.folder,
                 remedy="give `ssp evaluate` its command again; what is stored isn't asked again",
             )
-    found = shortlist(first, second, limits, resamples)
-    text = found.model_dump_json(by_alias=True, indent=1) + "\n"
+    listing = shortlist(first, second, limits, resamples)
+    text = listing.model_dump_json(by_alias=True, indent=1) + "\n"
     if out is not None:
         write_text(out, text)
     if as_json:
         click.echo(text, nl=False)
     else:
-        _show(found)
-    return 0 if any(one.rank for one in found.events) else 1
+        _show(listing)
+    return 0 if any(one.rank for one in listing.events) else 1
 
 
-def _show(found: Shortlist) -> None:
+def _show(listing: Shortlist) -> None:
     table = Table(box=None, pad_edge=False)
     table.add_column("rank", justify="right", no_wrap=True)
     table.add_column("event", no_wrap=True)
@@ -345,20 +345,20 @@ def _show(found: Shortlist) -> None:
     for name in ("no response", "turned", "width", "priority"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("why")
-    for one in found.events:
+    for one in listing.events:
         table.add_row(*_fields(one))
     unbounded = console.out.options.update(max_width=_WIDEST)
     table.width = console.out.measure(table, options=unbounded).maximum
     console.out.print(table)
-    limits = found.limits
+    limits = listing.limits
     console.note(_EXPLAINED)
     console.note(
         f"candidates: no response ≥ {limits.no_response:g}, turned ≥ {limits.turned:g}, or width ≥ "
         f"{limits.width:g}"
     )
-    for left in found.left_out:
+    for left in listing.left_out:
         console.note(f"{left.scenario}: left out: {left.why}")
-    for note in found.notes:
+    for note in listing.notes:
         console.note(note)
 
 

@@ -109,8 +109,8 @@ def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability |
         per_run = [means([row.cell() for row in by_run[name]], by) for name in whole]
         for key in sorted(per_run[0]):
             for metric in IVCS_FIRST:
-                found = [run[key][metric].value for run in per_run if key in run]
-                values = [value for value in found if value is not None]
+                run_means = [run[key][metric].value for run in per_run if key in run]
+                values = [value for value in run_means if value is not None]
                 if spread := _spread((*by, *key), metric, values, resamples, seed):
                     macro.append(spread)
         if by == BY_MODEL and len(per_run[0]) > 1:
@@ -228,19 +228,21 @@ def compute(
         on_step: called at each subject, and after each cell that is resampled.
         constants: the best blind constant's cells; empty: they are unknown.
     """
-    chosen = entering(rows)
+    entrants = entering(rows)
     over = over_what(rows)
     alike = one_scale(rows)
-    kept = {id(row) for row in alike if row.status == OK and not row.control}
-    pairs = [(row, cell) for row, cell in zip(rows, data, strict=bool(data)) if id(row) in kept]
+    scored_ids = {id(row) for row in alike if row.status == OK and not row.control}
+    pairs = [
+        (row, cell) for row, cell in zip(rows, data, strict=bool(data)) if id(row) in scored_ids
+    ]
     comparisons: list[Comparison] = []
     weights: list[WeightSamples] = []
     for subject in SUBJECTS:
         on_step()
         if subject in over:
             continue
-        comparisons += compare(chosen, subject, options.seed, constants)
-        sampled = sample_weights(chosen, subject, options.seed, options.resamples)
+        comparisons += compare(entrants, subject, options.seed, constants)
+        sampled = sample_weights(entrants, subject, options.seed, options.resamples)
         if sampled is not None:
             weights.append(sampled)
     records = None
@@ -273,7 +275,7 @@ def compute(
         ]
     return Statistics(
         records,
-        {by: _over_cells(chosen, by, options) for by in GROUPINGS if over.isdisjoint(by)},
+        {by: _over_cells(entrants, by, options) for by in GROUPINGS if over.isdisjoint(by)},
         tuple(comparisons),
         tuple(weights),
         stability(alike, options.resamples, options.seed),
@@ -290,13 +292,13 @@ def _over_cells(
             key = tuple(getattr(row, name) for name in by)
             cells.setdefault(key, {})["\0".join(row.key)] = [row.ivcs]
             scenarios.setdefault(key, {}).setdefault(row.scenario, []).append(row.ivcs)
-    found = {}
+    estimates = {}
     for key in sorted(cells):
         units = [(cells[key], "cells")]
         if 1 < len(scenarios[key]) < len(cells[key]):
             units.append((scenarios[key], "scenarios"))
-        found[key] = tuple(
+        estimates[key] = tuple(
             bootstrap_mean(values, unit, options.resamples, options.seed, unit, *by, *key)
             for values, unit in units
         )
-    return found
+    return estimates

@@ -81,8 +81,8 @@ def _counts(cell: CellData) -> tuple[int, ...]:
     """Count the failures per stage, and the labels that pass all."""
     if cell.score is None:
         return ()
-    found = [cell.score.details.first_failures[stage] for stage in STAGES]
-    return (*found, cell.score.n - sum(found))
+    failures = [cell.score.details.first_failures[stage] for stage in STAGES]
+    return (*failures, cell.score.n - sum(failures))
 
 
 # Below this many items an interval says little; the tables point it out.
@@ -120,17 +120,17 @@ def words(*keys: str) -> tuple[Column, ...]:
     return tuple(Column(key, key.replace("_", " "), "text") for key in keys)
 
 
-def _interval(found: Estimate) -> tuple[Value, ...]:
+def _interval(estimate: Estimate) -> tuple[Value, ...]:
     return (
-        found.value,
-        found.percentile.low,
-        found.percentile.high,
-        found.bca.low,
-        found.bca.high,
-        found.bias,
-        found.null_share,
-        found.unit,
-        found.n,
+        estimate.value,
+        estimate.percentile.low,
+        estimate.percentile.high,
+        estimate.bca.low,
+        estimate.bca.high,
+        estimate.bias,
+        estimate.null_share,
+        estimate.unit,
+        estimate.n,
     )
 
 
@@ -171,7 +171,7 @@ def cells_over_records(
     )
 
 
-def _named(by: Group, key: Group) -> tuple[str, str]:
+def _group_names(by: Group, key: Group) -> tuple[str, str]:
     return " × ".join(by), " / ".join(key)
 
 
@@ -180,9 +180,9 @@ def groups_over_records(
 ) -> Table:
     """Return means by group, each cell's labels resampled."""
     rows = [
-        (*_named(by, key), metric, *_interval(one)[:3], one.bias, one.unit, one.n)
-        for by, found in groups.items()
-        for key, estimates in sorted(found.items(), key=lambda g: in_order(g[0]))
+        (*_group_names(by, key), metric, *_interval(one)[:3], one.bias, one.unit, one.n)
+        for by, by_key in groups.items()
+        for key, estimates in sorted(by_key.items(), key=lambda g: in_order(g[0]))
         for metric in IVCS_FIRST
         for one in [estimates[metric]]
     ]
@@ -204,8 +204,8 @@ def groups_over_records(
 
 def over_cells(groups: Mapping[Group, Mapping[Group, Sequence[Estimate]]], resamples: int) -> Table:
     """Return mean IVCS by group, the cells resampled, and whole scenarios of them."""
-    found = [
-        (*_named(by, key), *_interval(one)[:5], *_ends(one.student), one.unit, one.n)
+    rows = [
+        (*_group_names(by, key), *_interval(one)[:5], *_ends(one.student), one.unit, one.n)
         for by, estimates in groups.items()
         for key, ones in sorted(estimates.items(), key=lambda g: in_order(g[0]))
         for one in ones
@@ -221,7 +221,7 @@ def over_cells(groups: Mapping[Group, Mapping[Group, Sequence[Estimate]]], resam
             _UNIT,
             _N,
         ),
-        tuple(found),
+        tuple(rows),
         (
             f"How far a mean depends on which cells there are: {resamples} resamples of the cells "
             "of a group, or of its scenarios with all their cells; n counts what is drawn.",
@@ -231,12 +231,12 @@ def over_cells(groups: Mapping[Group, Mapping[Group, Sequence[Estimate]]], resam
             _ENDS_NOTE,
             "Student: over the same units, assumed normal; it may extend beyond 0 to 1. With few "
             "units read this one: resamples of two units never leave the range between them.",
-            *_few(one.n for found in groups.values() for ones in found.values() for one in ones),
+            *_few(one.n for by_key in groups.values() for ones in by_key.values() for one in ones),
         ),
     )
 
 
-def runs_table(found: Stability) -> Table:
+def runs_table(stability: Stability) -> Table:
     """Tabulate scores over K runs: macro means first, then cells."""
 
     def row(kind: str, spread: Spread) -> tuple[Value, ...]:
@@ -271,31 +271,33 @@ def runs_table(found: Stability) -> Table:
         "How far repetitions of the same cells differ; the units drawn are runs. K: their number; "
         "sd: their standard deviation (K − 1). 95 %: Student's interval of the mean over runs, "
         "which may extend beyond 0 to 1; bootstrap: expanded percentile interval over the runs.",
-        f"Macro means and ranks are of the {len(found.runs)} runs that have the same cells.",
-        *_few(spread.k for spread in found.cells),
+        f"Macro means and ranks are of the {len(stability.runs)} runs that have the same cells.",
+        *_few(spread.k for spread in stability.cells),
     ]
-    if found.tau is not None and found.same_order is not None:
+    if stability.tau is not None and stability.same_order is not None:
         notes.append(
-            f"Ranks of models between two runs: Kendall's τ {found.tau:.3f} on average (1: the "
-            f"same order, −1: the opposite one); the same order in {found.same_order:.0%} of the "
-            "pairs of runs."
+            f"Ranks of models between two runs: Kendall's τ {stability.tau:.3f} on average (1: the "
+            f"same order, −1: the opposite one); the same order in {stability.same_order:.0%} of "
+            "the pairs of runs."
         )
     notes.append(METRICS_NOTE)
-    rows = [row("macro", one) for one in found.macro] + [row("cell", one) for one in found.cells]
+    rows = [row("macro", one) for one in stability.macro] + [
+        row("cell", one) for one in stability.cells
+    ]
     return Table("stability", "Stability over runs", columns, tuple(rows), tuple(notes))
 
 
-def statistics_tables(found: Statistics, resamples: int) -> list[Table]:
+def statistics_tables(statistics: Statistics, resamples: int) -> list[Table]:
     """Return all tables that there is something to show in, most general first."""
     tables = []
-    if found.records is not None:
-        tables.append(groups_over_records(found.records.groups, resamples))
-        tables.append(cells_over_records(found.records.cells, resamples))
-    tables.append(over_cells(found.over_cells, resamples))
-    tables.append(comparison_table(found.comparisons))
-    tables += [table for one in found.weights for table in _weights(one)]
-    if found.runs is not None:
-        tables.append(runs_table(found.runs))
+    if statistics.records is not None:
+        tables.append(groups_over_records(statistics.records.groups, resamples))
+        tables.append(cells_over_records(statistics.records.cells, resamples))
+    tables.append(over_cells(statistics.over_cells, resamples))
+    tables.append(comparison_table(statistics.comparisons))
+    tables += [table for one in statistics.weights for table in _weights(one)]
+    if statistics.runs is not None:
+        tables.append(runs_table(statistics.runs))
     return tables
 
 
@@ -401,54 +403,54 @@ def _families(comparisons: Sequence[Comparison]) -> str:
 
 def _powerless(comparisons: Iterable[Comparison]) -> list[str]:
     """List comparisons in which even the clearest result misses p = 0.05 after correction."""
-    found = []
+    notes = []
     for subject in ("domain", "model"):
         tested = [c for c in comparisons if c.subject == subject and c.p_least is not None]
         if not tested:
             continue
         if all((c.p_least or 0.0) * c.family > 0.05 for c in tested):
-            found.append(
+            notes.append(
                 f"No comparison of {subject}s can have p (Holm) below 0.05 with so few pairs, "
                 "however clear the difference: a large p is no evidence of equality."
             )
-    return found
+    return notes
 
 
-def _weights(found: WeightSamples) -> list[Table]:
+def _weights(samples: WeightSamples) -> list[Table]:
     pairs = tuple(
-        (one.first, one.second, "yes" if one.tied else "", one.held) for one in found.pairs
+        (one.first, one.second, "yes" if one.tied else "", one.held) for one in samples.pairs
     )
-    firsts = tuple(sorted(found.first.items(), key=lambda one: (-one[1], one[0])))
+    firsts = tuple(sorted(samples.first.items(), key=lambda one: (-one[1], one[0])))
     tau = (
         "Kendall's τ to the defined ranks: not defined, all are equal."
-        if found.tau_mean is None or found.tau_low is None
+        if samples.tau_mean is None or samples.tau_low is None
         else f"Kendall's τ to the defined ranks (1: the same order, −1: the opposite one): mean "
-        f"{found.tau_mean:.3f}, 5 % quantile {found.tau_low:.3f}."
+        f"{samples.tau_mean:.3f}, 5 % quantile {samples.tau_low:.3f}."
     )
     weights = ", ".join(f"{weight:.2f} {name}" for name, weight in ivcs_weights().items())
-    drawn = (
-        f"IVCS is a weighted sum ({weights}). Here {found.samples} other sets of weights were "
+    sampling_note = (
+        f"IVCS is a weighted sum ({weights}). Here {samples.samples} other sets of weights were "
         "tried, drawn uniformly from all that are ≥ 0 and sum to 1."
     )
     return [
         Table(
-            f"weights_{found.subject}_order",
-            f"Does the order of {found.subject}s hold under other weights of IVCS?",
+            f"weights_{samples.subject}_order",
+            f"Does the order of {samples.subject}s hold under other weights of IVCS?",
             (*words("ahead", "behind", "tied"), Column("held", "order holds (share)")),
             pairs,
             (
-                drawn,
+                sampling_note,
                 "ahead and behind: as with the defined weights; tied: equal under the defined "
                 "weights, and the share is that of weights under which they stay equal.",
                 tau,
             ),
         ),
         Table(
-            f"weights_{found.subject}_first",
-            f"Which {found.subject} leads under other weights of IVCS?",
-            (*words(found.subject), Column("share", "leads (share)")),
+            f"weights_{samples.subject}_first",
+            f"Which {samples.subject} leads under other weights of IVCS?",
+            (*words(samples.subject), Column("share", "leads (share)")),
             firsts,
-            (drawn, "Where several tie for first, each of them leads."),
+            (sampling_note, "Where several tie for first, each of them leads."),
         ),
     ]
 

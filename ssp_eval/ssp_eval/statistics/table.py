@@ -345,19 +345,23 @@ class _Field:
 
 def _fields(table: Table) -> list[_Field]:
     """Return the table's columns without Means, each of which has its n beside it, and Outcomes."""
-    made = []
+    plain_fields = []
     for index, column in enumerate(table.columns):
         values = [row[index] for row in table.rows]
         if column.kind == "response":
-            told = [v if isinstance(v, Outcome) else Outcome(None, None) for v in values]
-            made.append(_Field("rsr", "RSR", "ratio", tuple(v.rsr for v in told)))
-            made.append(_Field("rl_s", "RL (s)", "seconds", tuple(v.rl_s for v in told)))
+            outcomes = [v if isinstance(v, Outcome) else Outcome(None, None) for v in values]
+            plain_fields.append(_Field("rsr", "RSR", "ratio", tuple(v.rsr for v in outcomes)))
+            plain_fields.append(
+                _Field("rl_s", "RL (s)", "seconds", tuple(v.rl_s for v in outcomes))
+            )
             continue
-        made.append(_Field(column.key, column.title, column.kind, tuple(map(_plain, values))))
+        plain_fields.append(
+            _Field(column.key, column.title, column.kind, tuple(map(_plain, values)))
+        )
         if any(isinstance(v, Mean) for v in values):
             ns = tuple(v.n if isinstance(v, Mean) else None for v in values)
-            made.append(_Field(f"{column.key}_n", f"n of {column.title}", "count", ns))
-    return made
+            plain_fields.append(_Field(f"{column.key}_n", f"n of {column.title}", "count", ns))
+    return plain_fields
 
 
 def _plain(value: Value) -> str | float | None:
@@ -447,13 +451,13 @@ def write_tables(
         InputError: the folder can't be written to.
         HostError: the disk doesn't take them.
     """
-    written = []
+    paths = []
     with new_files(folder) as scratch:
         for table in tables:
             for name in formats:
                 for suffix, convert in FORMATS[name]:
                     file = f"{table.name}{suffix}"
                     write_text(scratch / file, convert(table))
-                    written.append(folder / file)
+                    paths.append(folder / file)
             on_table()
-    return written
+    return paths

@@ -177,22 +177,22 @@ def rank_table(
         notes: further notes under the table.
         constants: the best blind constant's cells, which have no rank.
     """
-    found = ranking(cells, subject)
+    standings = ranking(cells, subject)
     blind = constant_means(cells, constants, (subject,))
     below = names_below(cells, constants, subject)
-    scenarios = sorted(name for name in found.scenarios if name != MACRO)
+    scenarios = sorted(name for name in standings.scenarios if name != MACRO)
     values = {key[0]: value["ivcs"] for key, value in means(cells, (subject,)).items()}
     rows = tuple(
         (
             name,
-            *(found.scenarios[scenario].get(name) for scenario in scenarios),
-            found.macro[name],
+            *(standings.scenarios[scenario].get(name) for scenario in scenarios),
+            standings.macro[name],
             values[name],
             blind.get((name,)),
             below.get(name, ""),
-            _rank_changes(found, name),
+            _rank_changes(standings, name),
         )
-        for name in sorted(found.macro, key=lambda n: (found.macro[n] or len(values), n))
+        for name in sorted(standings.macro, key=lambda n: (standings.macro[n] or len(values), n))
     )
     columns = (
         Column(subject, subject, "text"),
@@ -203,15 +203,17 @@ def rank_table(
         Column("below", BELOW, "text", printed=bool(constants)),
         Column(CHANGES, "changes of rank", "text"),
     )
-    said = ["Rank 1 is the largest mean IVCS, from unrounded values; equal ones share a rank."]
+    explanations = [
+        "Rank 1 is the largest mean IVCS, from unrounded values; equal ones share a rank."
+    ]
     if constants:
-        said.append(
+        explanations.append(
             f"{CONSTANT}: mean IVCS over the same cells of the one answer that scores most without "
             f"looking; it has no rank. {BELOW}: where the {subject} scores less than that."
         )
-    if not found.changes and len(scenarios) > 1:
-        said.append("No rank changes between scenarios.")
-    return Table(f"ranks_{subject}", f"Ranks of {subject}s", columns, rows, (*said, *notes))
+    if not standings.changes and len(scenarios) > 1:
+        explanations.append("No rank changes between scenarios.")
+    return Table(f"ranks_{subject}", f"Ranks of {subject}s", columns, rows, (*explanations, *notes))
 
 
 def names_below(
@@ -222,21 +224,21 @@ def names_below(
     Returns:
         By name ``all`` for the mean over all cells, and scenarios.
     """
-    found: dict[str, list[str]] = {}
+    places: dict[str, list[str]] = {}
     for by in ((subject,), ("scenario", subject)):
         own, blind = means(cells, by), constant_means(cells, constants, by)
         for key, constant in blind.items():
             if is_below(own[key]["ivcs"].value, constant.value):
-                found.setdefault(key[-1], []).append("all" if len(by) == 1 else key[0])
-    return {name: ", ".join(where) for name, where in found.items()}
+                places.setdefault(key[-1], []).append("all" if len(by) == 1 else key[0])
+    return {name: ", ".join(where) for name, where in places.items()}
 
 
-def _rank_changes(found: Ranking, name: str) -> str:
+def _rank_changes(standings: Ranking, name: str) -> str:
     """Return ``2 in cut_in, 1 in vru_crossing`` for each pair; of many scenarios the range."""
-    changes = [change for change in found.changes if change.subject == name]
+    changes = [change for change in standings.changes if change.subject == name]
     if not changes:
         return ""
-    if len(found.scenarios) <= MOST_PAIRED:
+    if len(standings.scenarios) <= MOST_PAIRED:
         return "; ".join(
             f"{change.ranks[0]} in {change.scenarios[0]}, {change.ranks[1]} in "
             f"{change.scenarios[1]}"
@@ -244,8 +246,8 @@ def _rank_changes(found: Ranking, name: str) -> str:
         )
     ranks = [
         (rank, scenario)
-        for scenario in sorted(found.scenarios)
-        if (rank := found.scenarios[scenario].get(name)) is not None
+        for scenario in sorted(standings.scenarios)
+        if (rank := standings.scenarios[scenario].get(name)) is not None
     ]
     best, worst = min(ranks), max(ranks, key=lambda pair: pair[0])
     return (
@@ -266,38 +268,38 @@ def control_tables(rows: Sequence[CellRow]) -> list[Table]:
     """Return the tables of the controls that there are, none where there are none."""
     rows = one_scale(rows)
     scored = merged([row for row in rows if row.status == OK])
-    known = {row.model for row in rows}
+    models = {row.model for row in rows}
     condition = {row.model: condition_of(row.model)[1] for row in rows if row.control}
     # A blind model whose seeing self wasn't asked stands among the answerers alone.
-    asked = {
+    condition_names = {
         name
         for name, one in condition.items()
-        if one in CONDITIONS or (one == BLIND and condition_of(name)[0] in known)
+        if one in CONDITIONS or (one == BLIND and condition_of(name)[0] in models)
     }
     blind = [row for row in scored if condition.get(row.model) in ("", BLIND)]
-    found = []
-    if asked:
-        found.append(seeing_table(scored, sorted(asked)))
+    tables = []
+    if condition_names:
+        tables.append(seeing_table(scored, sorted(condition_names)))
     if blind:
-        found.append(answerers_table(blind))
-    return found
+        tables.append(answerers_table(blind))
+    return tables
 
 
-def seeing_table(rows: Sequence[CellRow], asked: Iterable[str]) -> Table:
+def seeing_table(rows: Sequence[CellRow], names: Iterable[str]) -> Table:
     """Tabulate each model beside itself under a condition, on the recordings scored with both.
 
     Args:
         rows: valid ones, one per cell.
-        asked: names of the models under conditions.
+        names: of the models under conditions.
     """
-    known = {row.key: row for row in rows}
+    rows_by_key = {row.key: row for row in rows}
     table_rows = []
-    for name in asked:
+    for name in names:
         model, condition = condition_of(name)
         pairs = [
             (own, row)
             for row in rows
-            if row.model == name and (own := known.get((row.scenario, row.domain, model)))
+            if row.model == name and (own := rows_by_key.get((row.scenario, row.domain, model)))
         ]
         table_rows.append(_seeing_row(model, condition, pairs))
     columns = (
@@ -351,14 +353,14 @@ def answerers_table(rows: Sequence[CellRow]) -> Table:
     Args:
         rows: of controls without a condition; valid ones, one per cell.
     """
-    found = means([row.cell() for row in rows], BY_MODEL)
+    means_by_model = means([row.cell() for row in rows], BY_MODEL)
     return Table(
         ANSWERERS,
         "The harness's own answerers",
         (Column("model", "control", "text"), COUNT, *MEANS),
         tuple(
             (name, values["ivcs"].n, *(values[column.key] for column in MEANS))
-            for (name,), values in found.items()
+            for (name,), values in means_by_model.items()
         ),
         (
             "Unweighted means over cells; n counts cells. perfect answers with the labels and "
@@ -389,36 +391,36 @@ def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Ta
     Raises:
         InputError: no cell is of that model.
     """
-    chosen = entering(rows)
-    cells = [row.cell() for row in chosen]
+    entrants = entering(rows)
+    cells = [row.cell() for row in entrants]
     constants = constants_in(one_scale(rows))
     notes = run_notes(rows)
     over = over_what(rows)
-    found = [matrix_table(rows)]
-    found += [
+    tables = [matrix_table(rows)]
+    tables += [
         mean_table(cells, name, title, by, notes)
         for name, title, by in _GROUPINGS
         if over.isdisjoint(by)
     ]
     if not over:
-        found.append(strata_table(cells, notes))
+        tables.append(strata_table(cells, notes))
     if "domain" not in over:
-        told = (*_left_out(cells, BY_DOMAIN), *notes)
-        found.append(domain_differences(cells, constants, told))
-        found.append(domain_differences_by_model(cells, constants, told))
-    found.append(foundation_table(chosen, reference, notes))
+        table_notes = (*_left_out(cells, BY_DOMAIN), *notes)
+        tables.append(domain_differences(cells, constants, table_notes))
+        tables.append(domain_differences_by_model(cells, constants, table_notes))
+    tables.append(foundation_table(entrants, reference, notes))
     for subject in ("model", "domain"):
         if subject not in over:
-            told = (*uneven(cells, subject), *_left_out(cells, (subject,)), *notes)
-            found.append(rank_table(cells, subject, told, constants))
-    found += control_tables(rows)
-    return found
+            table_notes = (*uneven(cells, subject), *_left_out(cells, (subject,)), *notes)
+            tables.append(rank_table(cells, subject, table_notes, constants))
+    tables += control_tables(rows)
+    return tables
 
 
 def with_notices(tables: Iterable[Table], notices: Iterable[str]) -> list[Table]:
     """Return the tables with what must stand under each of them."""
-    told = tuple(notices)
-    return [replace(table, notices=told) for table in tables]
+    texts = tuple(notices)
+    return [replace(table, notices=texts) for table in tables]
 
 
 def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
@@ -464,16 +466,19 @@ def mean_table(
     """Return one grouping of METHOD 6.13, n with each mean."""
     groups = sorted(means(cells, by).items(), key=lambda one: in_order(one[0]))
     rows: list[tuple[Value, ...]] = [
-        (*key, found["ivcs"].n, *(found[column.key] for column in MEANS)) for key, found in groups
+        (*key, scores["ivcs"].n, *(scores[column.key] for column in MEANS))
+        for key, scores in groups
     ]
-    said = ["Unweighted means over cells; n counts cells. RL is the mean over responses only."]
-    said += uneven(cells, by[0]) if len(by) == 1 else []
+    explanations = [
+        "Unweighted means over cells; n counts cells. RL is the mean over responses only."
+    ]
+    explanations += uneven(cells, by[0]) if len(by) == 1 else []
     return Table(
         name,
         title,
         (*_key_columns(by), COUNT, *MEANS),
         tuple(rows),
-        (*said, *_left_out(cells, by), *notes),
+        (*explanations, *_left_out(cells, by), *notes),
     )
 
 
@@ -500,7 +505,7 @@ def uneven(cells: Sequence[Cell], subject: str) -> list[str]:
         if cell.admitted or subject != "domain":
             place = cell.scenario, getattr(cell, other)
             over.setdefault(getattr(cell, subject), set()).add(place)
-    every = {place for found in over.values() for place in found}
+    every = {place for places in over.values() for place in places}
     lacking = [f"{name} {len(over[name])}" for name in sorted(over) if over[name] != every]
     if not lacking:
         return []
@@ -533,9 +538,11 @@ def strata_table(cells: Sequence[Cell], notes: Sequence[str]) -> Table:
         Column("max", "max"),
         Column("best", "best", "text"),
     )
-    said = ("n counts models; sd is that of a sample, and null for one model.",)
+    explanations = ("n counts models; sd is that of a sample, and null for one model.",)
     left_out = _left_out(cells, BY_SCENARIO_DOMAIN)
-    return Table("strata", "IVCS within strata", columns, tuple(rows), (*said, *left_out, *notes))
+    return Table(
+        "strata", "IVCS within strata", columns, tuple(rows), (*explanations, *left_out, *notes)
+    )
 
 
 def foundation_table(
@@ -551,19 +558,23 @@ def foundation_table(
     Raises:
         InputError: no row is of the reference.
     """
-    found = {key[0]: value for key, value in means([r.cell() for r in rows], BY_MODEL).items()}
-    if reference is not None and reference not in found:
+    means_by_model = {
+        key[0]: value for key, value in means([r.cell() for r in rows], BY_MODEL).items()
+    }
+    if reference is not None and reference not in means_by_model:
         raise InputError(
             "is no model with a valid cell",
             field="--reference",
             value=reference,
-            remedy=f"known are {', '.join(sorted(found)) or 'none'}",
+            remedy=f"known are {', '.join(sorted(means_by_model)) or 'none'}",
         )
     facts = {row.model: row for row in rows}
-    base = found[reference] if reference is not None else None
+    base = means_by_model[reference] if reference is not None else None
     table_rows = []
-    for model in sorted(found, key=lambda name: (-(found[name]["ivcs"].value or 0.0), name)):
-        row, values = facts[model], found[model]
+    for model in sorted(
+        means_by_model, key=lambda name: (-(means_by_model[name]["ivcs"].value or 0.0), name)
+    ):
+        row, values = facts[model], means_by_model[model]
         table_rows.append(
             (
                 model,
@@ -584,12 +595,16 @@ def foundation_table(
         *metric_columns(*IVCS_LAST),
         *(_changes() if base else ()),
     )
-    said = ["Unweighted means over cells; n counts cells. B: billions of parameters."]
+    explanations = ["Unweighted means over cells; n counts cells. B: billions of parameters."]
     if base is not None:
-        said.append(f"Δ: relative difference to {reference}, from unrounded values.")
-    said += uneven([row.cell() for row in rows], "model")
+        explanations.append(f"Δ: relative difference to {reference}, from unrounded values.")
+    explanations += uneven([row.cell() for row in rows], "model")
     return Table(
-        "foundation_models", "Foundation models", columns, tuple(table_rows), (*said, *notes)
+        "foundation_models",
+        "Foundation models",
+        columns,
+        tuple(table_rows),
+        (*explanations, *notes),
     )
 
 

@@ -75,37 +75,39 @@ def audit_of(change: Change, factual: BagReader, twin: BagReader, pixels: Pixels
         twin: bag of the twin.
         pixels: what was counted when the frames were drawn.
     """
-    held = _Comparison(change)
+    comparison = _Comparison(change)
     theirs: Iterator[BagMessage] = twin.messages()
     other = next(theirs, None)
     for message in factual.messages():
         if other is not None and message._replace(data=b"") == other._replace(data=b""):
-            held.pair(message, other)
+            comparison.pair(message, other)
             other = next(theirs, None)
         else:
-            held.missing(message.topic)
+            comparison.missing(message.topic)
     if other is not None:
-        held.fail(f"{other.topic} has a message that the factual recording lacks")
+        comparison.fail(f"{other.topic} has a message that the factual recording lacks")
     bounded = change.kind in OF_OBJECT
     if bounded and pixels.bounded and pixels.outside_px:
-        held.fail(f"{pixels.outside_px} changed pixels lie outside the object's image and shadow")
-    if not held.changed and not held.lacking:
-        held.fail("nothing differs: the change does nothing here")
+        comparison.fail(
+            f"{pixels.outside_px} changed pixels lie outside the object's image and shadow"
+        )
+    if not comparison.changed and not comparison.lacking:
+        comparison.fail("nothing differs: the change does nothing here")
     elif change.kind is not Kind.HISTORY and not pixels.changed_frames:
-        held.fail("no frame differs: the change can't be seen here")
+        comparison.fail("no frame differs: the change can't be seen here")
     return TwinAudit(
-        holds=not held.reasons,
-        reasons=held.reasons,
-        frames=held.frames,
+        holds=not comparison.reasons,
+        reasons=comparison.reasons,
+        frames=comparison.frames,
         frames_redrawn_alike=pixels.frames,
         frames_changed=pixels.changed_frames,
         changed_px=pixels.changed_px,
         most_changed_px=pixels.most_px,
         outside_px=pixels.outside_px if bounded else None,
         outside_judged=bounded and pixels.bounded,
-        messages_alike=held.alike,
-        messages_changed=dict(sorted(held.changed.items())),
-        messages_missing=dict(sorted(held.lacking.items())),
+        messages_alike=comparison.alike,
+        messages_changed=dict(sorted(comparison.changed.items())),
+        messages_missing=dict(sorted(comparison.lacking.items())),
     )
 
 

@@ -91,16 +91,16 @@ def make_twins(
                         writer.write_all([message._replace(data=data)])
                     if message.topic == IMAGE:
                         advance()
-        found = []
+        twins = []
         for edit, writer, folder in zip(edits, writers, folders, strict=True):
             writer.close()
-            told = bag_folder(bag.path) / VERDICT_FILE
-            if told.is_file():
-                shutil.copyfile(told, folder / "bag" / VERDICT_FILE)
+            verdict_file = bag_folder(bag.path) / VERDICT_FILE
+            if verdict_file.is_file():
+                shutil.copyfile(verdict_file, folder / "bag" / VERDICT_FILE)
             record = edit.record(folder / "bag")
             write_json(folder / TWIN_FILE, record.model_dump(mode="json", by_alias=True))
-            found.append(record)
-    return found
+            twins.append(record)
+    return twins
 
 
 class _Frames:
@@ -127,15 +127,15 @@ class _Frames:
             return [None] * len(self._edits)
         stamp_ns = peek_stamp_ns(message.data)
         while stamp_ns not in self._kept:
-            found = next(self._drawn, None)
-            if found is None:
+            drawing = next(self._drawn, None)
+            if drawing is None:
                 raise self._unlike(stamp_ns, "there is no step of the world for it")
             # What was drawn and not asked for isn't asked for later: frames come in order.
-            self._kept = {found[0]: found[1]}
+            self._kept = {drawing[0]: drawing[1]}
         # Each message: while the world holds, the same frame comes repeatedly.
         self._take(message, stamp_ns, self._kept[stamp_ns])
-        drawn = iter(self._kept[stamp_ns][1:])
-        return [next(drawn) if edit.draws else None for edit in self._edits]
+        pictures = iter(self._kept[stamp_ns][1:])
+        return [next(pictures) if edit.draws else None for edit in self._edits]
 
     def _take(self, message: BagMessage, stamp_ns: int, pictures: list[Picture]) -> None:
         recorded = read_image(COMPRESSED_TYPE, message.data).data
@@ -178,21 +178,21 @@ class _Edit:
         self._recorded: Series | None = None
         self._reported: Series | None = None
         if self._who:
-            found = self._reported_states()
-            self._recorded = Series(found) if found else None
-            slow = slowed(found, change.value) if change.kind is Kind.HISTORY else found
+            states = self._reported_states()
+            self._recorded = Series(states) if states else None
+            slow = slowed(states, change.value) if change.kind is Kind.HISTORY else states
             self._reported = Series(slow) if slow else None
 
     def _reported_states(self) -> list[ObjectState]:
         """Return the states that the object itself sent; none: it sends none, as traffic does."""
-        found = []
+        own_states = []
         for message in self._bag.messages([self._own_topic, ARRAYS]):
             if message.topic == ARRAYS:
                 states = decoded(self._bag, message, decode_states).states
-                found += [state for state in states if state.object_id == self._who]
+                own_states += [state for state in states if state.object_id == self._who]
             else:
-                found.append(decoded(self._bag, message, decode_state))
-        return found
+                own_states.append(decoded(self._bag, message, decode_state))
+        return own_states
 
     def begin(self, writer: BagWriter) -> None:
         """Announce the topics, and attach what the factual bag holds and what the twin is."""
@@ -216,9 +216,9 @@ class _Edit:
             software=f"ssp {__version__}",
         )
 
-    def record(self, made: Path) -> TwinRecord:
+    def record(self, twin_path: Path) -> TwinRecord:
         """Return the finished twin, compared with the factual bag."""
-        with BagReader(made) as twin:
+        with BagReader(twin_path) as twin:
             audit = audit_of(self.change, self._bag, twin, self.pixels)
             return TwinRecord(identity=self.identity, audit=audit, bag_sha256=content_sha256(twin))
 
@@ -268,10 +268,10 @@ class _Edit:
 
     def _poses(self, poses: tuple[Transform, ...], data: bytes) -> bytes | None:
         left = [pose if pose.child != base_frame(self._who) else self._pose(pose) for pose in poses]
-        known = [pose for pose in left if pose is not None]
-        if known == list(poses):
+        new_poses = [pose for pose in left if pose is not None]
+        if new_poses == list(poses):
             return data
-        return encode_transforms(known) if known else None
+        return encode_transforms(new_poses) if new_poses else None
 
     def _pose(self, pose: Transform) -> Transform | None:
         if self._recorded is None:

@@ -112,12 +112,12 @@ def parse_change(text: str) -> Change:
         kind = Kind(word)
         return _parsed(kind, *rest.partition(":")[::2])
     except ValueError as error:
-        known = next((form for one, form in _FORMS.items() if one.value == word), None)
+        usage = next((form for one, form in _FORMS.items() if one.value == word), None)
         raise InputError(
-            f"is no change{'' if known is None else f': {error}'}",
+            f"is no change{'' if usage is None else f': {error}'}",
             field="--change",
             value=text,
-            remedy=f"write {known or ', '.join(_FORMS.values())}",
+            remedy=f"write {usage or ', '.join(_FORMS.values())}",
         ) from error
 
 
@@ -143,10 +143,10 @@ def _parsed(kind: Kind, first: str, second: str) -> Change:
 
 
 def _class(word: str) -> ObjectClass:
-    found = next((one for one in DEFAULT_SIZES if one.word == word), None)
-    if found is None:
+    object_class = next((one for one in DEFAULT_SIZES if one.word == word), None)
+    if object_class is None:
         raise ValueError(f"a class is one of {', '.join(one.word for one in DEFAULT_SIZES)}")
-    return found
+    return object_class
 
 
 def _seconds(text: str, least: float) -> float:
@@ -164,12 +164,12 @@ def usual_changes(targets: dict[str, ObjectClass]) -> list[Change]:
     Args:
         targets: class of each object target, by id.
     """
-    found = []
+    changes = []
     for key, now in targets.items():
         instead = ObjectClass.CYCLIST if now is ObjectClass.PEDESTRIAN else ObjectClass.PEDESTRIAN
         if now in (ObjectClass.CAR, ObjectClass.TRUCK, ObjectClass.BUS):
             instead = ObjectClass.TRUCK if now is ObjectClass.CAR else ObjectClass.CAR
-        found += [
+        changes += [
             Change(Kind.WITHOUT, key),
             Change(Kind.CLASS, key, object_class=instead),
             Change(Kind.MIRROR, key),
@@ -177,7 +177,7 @@ def usual_changes(targets: dict[str, ObjectClass]) -> list[Change]:
             Change(Kind.SHIFT, key, 0.5),
         ]
     control = Change(Kind.CONTROL, CONTROL_ID, object_class=ObjectClass.CAR)
-    return [*found, control, Change(Kind.CAMERA, value=0.5), Change(Kind.HISTORY, value=0.5)]
+    return [*changes, control, Change(Kind.CAMERA, value=0.5), Change(Kind.HISTORY, value=0.5)]
 
 
 class Series:
@@ -277,7 +277,7 @@ def slowed(states: Sequence[ObjectState], share: float) -> list[ObjectState]:
     for before, after in pairwise(states):
         step = math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
         way_m.append(way_m[-1] + step)
-    found = []
+    slow_states = []
     for state, done_m in zip(states, way_m, strict=True):
         wanted_m = share * done_m
         index = min(bisect_right(way_m, wanted_m), len(states) - 1)
@@ -286,7 +286,7 @@ def slowed(states: Sequence[ObjectState], share: float) -> list[ObjectState]:
         part = 0.0 if length_m <= 0.0 else (wanted_m - way_m[index - 1]) / length_m
         speed_mps = share * state.speed_mps
         bend = before.yaw_rate_radps / before.speed_mps if abs(before.speed_mps) > 0.1 else 0.0
-        found.append(
+        slow_states.append(
             replace(
                 state,
                 x_m=before.x_m + part * (after.x_m - before.x_m),
@@ -299,4 +299,4 @@ def slowed(states: Sequence[ObjectState], share: float) -> list[ObjectState]:
                 yaw_rate_radps=bend * speed_mps,
             )
         )
-    return found
+    return slow_states

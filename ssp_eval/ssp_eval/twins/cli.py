@@ -65,12 +65,12 @@ def twins(recording: Path, wanted: tuple[str, ...], as_json: bool, force: bool) 
     Exit status 1 if a twin that was named differs in more than its cause, or in nothing.
     """
     with usage_errors():
-        named = {word: parse_change(word) for word in wanted if word != ALL}
+        changes_by_word = {word: parse_change(word) for word in wanted if word != ALL}
     bag_path = find_bag(recording)
     began_s = time.monotonic()
     with BagReader(bag_path) as bag:
         factual = read_factual(bag)
-        changes = list(named.values())
+        changes = list(changes_by_word.values())
         if ALL in wanted:
             targets = factual.run.targets
             classes = {one.id: ObjectClass.from_word(one.object_class) for one in targets}
@@ -82,19 +82,19 @@ def twins(recording: Path, wanted: tuple[str, ...], as_json: bool, force: bool) 
         missing = _missing(bag_path, factual, changes, force)
         _make(factual, bag, missing)
     made_of = factual.run.run_id, factual.provenance.bag_sha256
-    found = write_set(bag_path, *made_of)
+    twin_set = write_set(bag_path, *made_of)
     if as_json:
-        click.echo(found.model_dump_json(by_alias=True, indent=1))
+        click.echo(twin_set.model_dump_json(by_alias=True, indent=1))
     else:
-        show([twin for twin in found.twins if twin.identity.name in {c.name for c in changes}])
+        show([twin for twin in twin_set.twins if twin.identity.name in {c.name for c in changes}])
         there = len(changes) - len(missing)
         console.note(
             f"{len(missing)} made in {time.monotonic() - began_s:.1f} s"
             + (f", {there} were there already" if there else "")
             + f"; written to {twins_folder(bag_path)}"
         )
-    asked = {change.name for change in named.values()}
-    return int(any(t.identity.name in asked and not t.audit.holds for t in found.twins))
+    names = {change.name for change in changes_by_word.values()}
+    return int(any(t.identity.name in names and not t.audit.holds for t in twin_set.twins))
 
 
 def _check_set(bag: Path, factual: Factual, force: bool) -> None:
@@ -143,7 +143,7 @@ def _make(factual: Factual, bag: BagReader, changes: Sequence[Change]) -> None:
             write_set(bag.path, factual.run.run_id, factual.provenance.bag_sha256)
 
 
-def show(found: Sequence[TwinRecord]) -> None:
+def show(records: Sequence[TwinRecord]) -> None:
     """Print the differences, a twin a row, and every reason why one doesn't hold.
 
     Frames that differ and pixels in each of these, pixels outside object and shadow, messages that
@@ -152,7 +152,7 @@ def show(found: Sequence[TwinRecord]) -> None:
     table = Table(box=None, pad_edge=False)
     for name in ("twin", "frames", "px each", "outside", "messages", "holds"):
         table.add_column(name, no_wrap=True, justify="left" if name == "twin" else "right")
-    for twin in found:
+    for twin in records:
         audit = twin.audit
         outside = "–" if audit.outside_px is None else str(audit.outside_px)
         if audit.outside_px and not audit.outside_judged:
@@ -166,6 +166,6 @@ def show(found: Sequence[TwinRecord]) -> None:
             "yes" if audit.holds else "no",
         )
     console.out.print(table)
-    for twin in found:
+    for twin in records:
         for reason in twin.audit.reasons:
             console.out.print(f"{twin.identity.name}: {reason}", markup=False)

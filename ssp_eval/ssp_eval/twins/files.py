@@ -145,11 +145,11 @@ def write_set(bag: Path, of: str, of_sha256: str) -> TwinSet:
     folder = twins_folder(bag)
     names = sorted(file.parent.name for file in folder.glob(f"*/{TWIN_FILE}"))
     records = [_told_twin(bag, name, of_sha256) for name in names]
-    found = TwinSet(
+    twin_set = TwinSet(
         of=of, of_sha256=of_sha256, twins=[record for record in records if record is not None]
     )
-    write_json(folder / SET_FILE, found.model_dump(mode="json", by_alias=True))
-    return found
+    write_json(folder / SET_FILE, twin_set.model_dump(mode="json", by_alias=True))
+    return twin_set
 
 
 def remove_twin(bag: Path, name: str) -> None:
@@ -169,18 +169,18 @@ def usable_twins(bag: Path, bag_sha256: str) -> Iterator[TwinRecord]:
     Raises:
         InputError: they were made of another recording.
     """
-    found = read_set(bag)
-    if found is None:
+    twin_set = read_set(bag)
+    if twin_set is None:
         return
-    if found.of_sha256 != bag_sha256:
+    if twin_set.of_sha256 != bag_sha256:
         raise InputError(
             "is of another recording",
             file=twins_folder(bag) / SET_FILE,
             field="of_sha256",
-            value=found.of_sha256,
+            value=twin_set.of_sha256,
             remedy=f"make the twins of {bag} anew with `ssp twins`",
         )
-    yield from (twin for twin in found.twins if twin.audit.holds)
+    yield from (twin for twin in twin_set.twins if twin.audit.holds)
 
 
 def bag_of(bag: Path, name: str) -> Path:

@@ -60,17 +60,17 @@ class Factual:
         Raises:
             InputError: the recording holds none.
         """
-        found = [s for tick in self.ticks for s in tick.objects if s.object_id == object_id]
-        if not found:
-            known = sorted({s.object_id for s in self.ticks[-1].objects} - {self.run.vut.id})
+        states = [s for tick in self.ticks for s in tick.objects if s.object_id == object_id]
+        if not states:
+            object_ids = sorted({s.object_id for s in self.ticks[-1].objects} - {self.run.vut.id})
             raise InputError(
                 "is no object of the recording",
                 file=self.path,
                 field="--change",
                 value=object_id,
-                remedy=f"its objects are {', '.join(known) or 'none'}",
+                remedy=f"its objects are {', '.join(object_ids) or 'none'}",
             )
-        return Series(found)
+        return Series(states)
 
 
 def decoded(bag: BagReader, message: BagMessage, decode: Callable[[bytes], Decoded]) -> Decoded:
@@ -173,13 +173,13 @@ class World:
             return tuple(sorted((*tick.objects, added), key=lambda state: state.object_id))
         if change is None or self._own is None or change.kind not in MOVED:
             return tick.objects
-        found = []
+        states = []
         for state in tick.objects:
             if state.object_id != change.object_id:
-                found.append(state)
+                states.append(state)
             elif now := changed_state(change, state, self._own, self._factual.vut):
-                found.append(now)
-        return tuple(found)
+                states.append(now)
+        return tuple(states)
 
     def see(self, tick: WorldTick) -> Scene | None:
         """Take the next step, as the camera does; return its scene, or None without a frame."""
@@ -192,13 +192,13 @@ class World:
 
 def draw(factual: Factual, worlds: Sequence[World]) -> Iterator[tuple[int, list[Picture]]]:
     """Yield each recorded frame once: its stamp, and its picture in every world."""
-    done: set[int] = set()
+    previous_ns: set[int] = set()
     for tick in factual.ticks:
-        seen = [(world.camera, world.see(tick)) for world in worlds]
+        views = [(world.camera, world.see(tick)) for world in worlds]
         stamp_ns = tick.stamp_ns
-        if stamp_ns not in factual.frames_ns or stamp_ns in done:
+        if stamp_ns not in factual.frames_ns or stamp_ns in previous_ns:
             continue
-        pictures = [camera.draw(scene, tick.step) for camera, scene in seen if scene is not None]
+        pictures = [camera.draw(scene, tick.step) for camera, scene in views if scene is not None]
         if len(pictures) == len(worlds):
-            done.add(stamp_ns)
+            previous_ns.add(stamp_ns)
             yield stamp_ns, pictures

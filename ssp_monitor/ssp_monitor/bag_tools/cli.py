@@ -98,11 +98,11 @@ def cut_command(
     """
     with open_bag(source) as bag:
         start_ns, stop_ns = chosen_span(bag, start, end)
-        chosen = chosen_topics(bag, topics, exclude)
+        topic_names = chosen_topics(bag, topics, exclude)
     with progress("cutting", None) as bar:
         task = bar.task_ids[0]
         report = cut_bag(
-            source, target, chosen, start_ns, stop_ns, lambda count: bar.advance(task, count)
+            source, target, topic_names, start_ns, stop_ns, lambda count: bar.advance(task, count)
         )
     if json_:
         click.echo(json.dumps({"path": str(target), **asdict(report)}, indent=1))

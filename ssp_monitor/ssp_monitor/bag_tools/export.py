@@ -253,25 +253,25 @@ class Export:
         return self.report
 
     def _write_pictures(self, folder: Path, names: Mapping[str, str]) -> None:
-        written, notes = self.report.written, self.report.notes
+        entries, notes = self.report.written, self.report.notes
         images = set(image_topics(self.bag))
-        chosen = [topic for topic in self.topics if topic in images]
-        if not chosen:
+        picture_topics = [topic for topic in self.topics if topic in images]
+        if not picture_topics:
             notes.append("none of the topics holds images")
-        for topic in chosen:
+        for topic in picture_topics:
             name, losses = names[topic], Losses()
             if self.frames is not None:
                 count = write_images(
                     self.bag, topic, folder / name, self.frames, self.span, losses, self.advance
                 )
-                written.append(ExportEntry(topic, f"{name}/", count, "frames"))
+                entries.append(ExportEntry(topic, f"{name}/", count, "frames"))
             if self.video:
                 losses = Losses()  # the same ones once more
                 files, count, leapt = write_video(
                     self.bag, topic, folder / name, self.span, losses, self.advance
                 )
                 listed = ", ".join(file.name for file in files) or "-"
-                written.append(ExportEntry(topic, listed, count, "frames"))
+                entries.append(ExportEntry(topic, listed, count, "frames"))
                 if leapt:
                     notes.append(
                         f"{topic}: {leapt} of {count} frames are shown at their times of receipt: "
@@ -352,8 +352,10 @@ class Export:
 
 
 def _some(topics: Iterable[str], most: int = 8) -> str:
-    named = sorted(topics)
-    return ", ".join(named[:most]) + (f" and {len(named) - most} more" * (len(named) > most))
+    topic_names = sorted(topics)
+    return ", ".join(topic_names[:most]) + (
+        f" and {len(topic_names) - most} more" * (len(topic_names) > most)
+    )
 
 
 @click.command("export")
@@ -391,12 +393,12 @@ def export_command(
         raise click.UsageError("nothing to export: give --frames, --video or --csv")
     with BagReader(source) as bag:
         span = chosen_span(bag, start, end)
-        chosen = chosen_topics(bag, topics, exclude)
+        topic_names = chosen_topics(bag, topics, exclude)
         with progress("exporting", None) as bar:
             task = bar.task_ids[0]
             export = Export(
                 bag,
-                chosen,
+                topic_names,
                 span,
                 f".{frames}" if frames else None,
                 video,

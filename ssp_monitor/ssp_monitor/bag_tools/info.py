@@ -182,23 +182,23 @@ def summarise_bag(path: Path) -> BagSummary:
             notes.append(f"{topic.name} has messages of several types: {', '.join(topic.msgtypes)}")
         if topic.qos is None:
             notes.append(f"{topic.name}: its offered_qos_profiles can't be read")
-    found = BagSummary(path, tuple(files), topics, tuple(attachments), tuple(notes))
-    if (found.end_ns or 0) - (found.start_ns or 0) <= LOG_LEAP_S * NS_PER_S:
-        return found
+    summary = BagSummary(path, tuple(files), topics, tuple(attachments), tuple(notes))
+    if (summary.end_ns or 0) - (summary.start_ns or 0) <= LOG_LEAP_S * NS_PER_S:
+        return summary
     leaps = leaps_of(np.sort(np.concatenate([_log_times(part) for part in parts])))
-    return replace(found, notes=(*notes, *(leap_text(*leap) for leap in leaps)))
+    return replace(summary, notes=(*notes, *(leap_text(*leap) for leap in leaps)))
 
 
 def _log_times(file: McapFile) -> NDArray[np.int64]:
     """Return all log times of a file, by its indexes."""
     part = Part(file.path, later=False)
     with damage_of(part.path):
-        found = [
+        times_ns = [
             at_ns
             for chunk in part.chunks
             for at_ns, _ in indexed_entries(part.message_index(chunk), chunk, part.channels)
         ]
-    return np.array([*found, *part.loose_times_ns], dtype=np.int64)
+    return np.array([*times_ns, *part.loose_times_ns], dtype=np.int64)
 
 
 def _repeats(metadata: dict[str, str], first: bool) -> bool:
@@ -232,11 +232,11 @@ def _file(part: McapFile, first: bool) -> FileSummary:
 def _add_topics(part: McapFile, topics: dict[str, TopicSummary], first: bool) -> None:
     summary = part.summary
     counts = summary.statistics.channel_message_counts if summary.statistics else {}
-    wanted: dict[int, str] = {}
+    channel_topics: dict[int, str] = {}
     for channel in summary.channels.values():
         if _repeats(channel.metadata, first):
             continue
-        wanted[channel.id] = channel.topic
+        channel_topics[channel.id] = channel.topic
         topic = topics.setdefault(channel.topic, TopicSummary(channel.topic))
         schema = summary.schemas.get(channel.schema_id)
         name = schema.name if schema is not None else "(no type)"
@@ -250,14 +250,16 @@ def _add_topics(part: McapFile, topics: dict[str, TopicSummary], first: bool) ->
         except ValueError:
             topic.qos = None
     with damage_of(part.path):
-        _add_times(part, wanted, topics)
+        _add_times(part, channel_topics, topics)
 
 
-def _add_times(part: McapFile, wanted: dict[int, str], topics: dict[str, TopicSummary]) -> None:
+def _add_times(
+    part: McapFile, channel_topics: dict[int, str], topics: dict[str, TopicSummary]
+) -> None:
     """Add the first and last log time of each topic, from the chunks' indexes where they stand."""
     chunks = sorted(part.summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
     for forwards in (True, False):
-        missing = set(wanted)
+        missing = set(channel_topics)
         for chunk in chunks if forwards else reversed(chunks):
             here = missing & chunk.message_index_offsets.keys()
             if not here:
@@ -268,7 +270,7 @@ def _add_times(part: McapFile, wanted: dict[int, str], topics: dict[str, TopicSu
             for channel_id in here:
                 if times_ns := [at_ns for at_ns, _ in indexed_entries(region, chunk, {channel_id})]:
                     missing.discard(channel_id)
-                    _widen(topics[wanted[channel_id]], min(times_ns), max(times_ns))
+                    _widen(topics[channel_topics[channel_id]], min(times_ns), max(times_ns))
 
 
 def _widen(topic: TopicSummary, first_ns: int, last_ns: int) -> None:
@@ -342,38 +344,38 @@ def info_command(path: Path, json_: bool) -> None:
 
     Messages are not read, so it takes no longer for a large bag.
     """
-    found = summarise_bag(path)
-    report, accepted = _report(found), _accepted(found)
+    summary = summarise_bag(path)
+    report, accepted = _report(summary), _accepted(summary)
     if json_:
         told_of = {"recording": report, "accepted_at_import": accepted}
-        click.echo(json.dumps({**survey_json(found), **told_of}, indent=1))
+        click.echo(json.dumps({**survey_json(summary), **told_of}, indent=1))
         return
-    for line in survey_lines(found):
+    for line in survey_lines(summary):
         out.print(line, markup=False)
     for one in accepted:
         out.print(f"accepted at import, {one['name']}: {one['text']}", markup=False)
     if report is not None:
         whole = report.get("written")
-        cut = "" if whole == found.count else f", of which this bag is a part ({whole} messages)"
+        cut = "" if whole == summary.count else f", of which this bag is a part ({whole} messages)"
         out.print(f"recording{cut}", markup=False)
         for line in told(report):
             out.print(f"  {line}", markup=False)
 
 
-def _is_closed(found: BagSummary) -> bool:
+def _is_closed(summary: BagSummary) -> bool:
     """Tell whether the bag was finished and all of its files can be read."""
-    if found.path.is_dir() and not (found.path / FILE_NAME).is_file():
+    if summary.path.is_dir() and not (summary.path / FILE_NAME).is_file():
         return False
-    return not any(file.problem for file in found.files)
+    return not any(file.problem for file in summary.files)
 
 
-def _accepted(found: BagSummary) -> list[dict[str, str]]:
+def _accepted(summary: BagSummary) -> list[dict[str, str]]:
     """Return the findings that a person accepted when another's recording was imported."""
-    if not _is_closed(found) or all(a.name != IMPORT_RECORD for a in found.attachments):
+    if not _is_closed(summary) or all(a.name != IMPORT_RECORD for a in summary.attachments):
         return []
-    with BagReader(found.path) as bag:
+    with BagReader(summary.path) as bag:
         record = parse_mapping(
-            bag.attachment(IMPORT_RECORD) or b"{}", f"{found.path}:{IMPORT_RECORD}"
+            bag.attachment(IMPORT_RECORD) or b"{}", f"{summary.path}:{IMPORT_RECORD}"
         )
     accepted = record.get("accepted")
     return [
@@ -383,23 +385,23 @@ def _accepted(found: BagSummary) -> list[dict[str, str]]:
     ]
 
 
-def _report(found: BagSummary) -> dict[str, Any] | None:
+def _report(summary: BagSummary) -> dict[str, Any] | None:
     """Return the recorder's report; a bag that isn't closed has none yet."""
-    if not _is_closed(found):
+    if not _is_closed(summary):
         return None
-    with BagReader(found.path) as bag:
+    with BagReader(summary.path) as bag:
         return recording_report(bag)
 
 
-def survey_json(found: BagSummary) -> dict[str, Any]:
+def survey_json(summary: BagSummary) -> dict[str, Any]:
     """Describe a bag for programs; times are log times in ns."""
     return {
-        "path": str(found.path),
-        "files": [asdict(file) for file in found.files],
-        "bytes": found.bytes,
-        "messages": found.count,
-        "start_ns": found.start_ns,
-        "end_ns": found.end_ns,
+        "path": str(summary.path),
+        "files": [asdict(file) for file in summary.files],
+        "bytes": summary.bytes,
+        "messages": summary.count,
+        "start_ns": summary.start_ns,
+        "end_ns": summary.end_ns,
         "topics": {
             name: {
                 "type": ", ".join(t.msgtypes),
@@ -412,42 +414,42 @@ def survey_json(found: BagSummary) -> dict[str, Any]:
                 "type_hash": t.type_hash,
                 "offered_qos": t.qos,
             }
-            for name, t in sorted(found.topics.items())
+            for name, t in sorted(summary.topics.items())
         },
         "attachments": [
             {"name": a.name, "media_type": a.media_type, "bytes": a.data_size}
-            for a in found.attachments
+            for a in summary.attachments
         ],
-        "notes": list(found.notes),
+        "notes": list(summary.notes),
     }
 
 
-def survey_lines(found: BagSummary) -> list[str]:
+def survey_lines(summary: BagSummary) -> list[str]:
     """Describe a bag for people."""
-    files = f"{len(found.files)} files" if len(found.files) != 1 else "1 file"
+    files = f"{len(summary.files)} files" if len(summary.files) != 1 else "1 file"
     lines = [
-        f"{found.path}: {found.count} messages of "
-        f"{topics_text([t.count for t in found.topics.values()])}, {files}, "
-        f"{size_text(found.bytes)}, {span_text(found.start_ns, found.end_ns)}"
+        f"{summary.path}: {summary.count} messages of "
+        f"{topics_text([t.count for t in summary.topics.values()])}, {files}, "
+        f"{size_text(summary.bytes)}, {span_text(summary.start_ns, summary.end_ns)}"
     ]
-    lines += [f"note: {note}" for note in found.notes]
-    if len(found.files) > 1 or found.files[0].compression not in ((), ("none",)):
+    lines += [f"note: {note}" for note in summary.notes]
+    if len(summary.files) > 1 or summary.files[0].compression not in ((), ("none",)):
         lines += _table(
-            [("file", "size", "messages", "from", "length", "chunks")], _file_rows(found)
+            [("file", "size", "messages", "from", "length", "chunks")], _file_rows(summary)
         )
-    if found.topics:
+    if summary.topics:
         heads = [("topic", "type", "messages", "Hz", "offered QoS")]
-        lines += _table(heads, [_topic_row(t) for _, t in sorted(found.topics.items())])
-    if found.attachments:
-        rows = [(a.name, size_text(a.data_size), a.media_type) for a in found.attachments]
+        lines += _table(heads, [_topic_row(t) for _, t in sorted(summary.topics.items())])
+    if summary.attachments:
+        rows = [(a.name, size_text(a.data_size), a.media_type) for a in summary.attachments]
         lines += _table([("attachment", "size", "kind")], rows)
     return lines
 
 
-def _file_rows(found: BagSummary) -> list[tuple[str, ...]]:
+def _file_rows(summary: BagSummary) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
-    begin_ns = found.start_ns or 0
-    for file in found.files:
+    begin_ns = summary.start_ns or 0
+    for file in summary.files:
         if file.problem:
             rows.append((file.name, size_text(file.bytes), "", "", "", file.problem))
             continue

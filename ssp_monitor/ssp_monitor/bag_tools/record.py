@@ -68,10 +68,10 @@ def record_command(
     """
     if not (topics or given["all"] or given["include"]):
         raise click.UsageError("name topics, or give --all or --include")
-    named = frozenset(topic if topic.startswith("/") else f"/{topic}" for topic in topics)
+    topic_names = frozenset(topic if topic.startswith("/") else f"/{topic}" for topic in topics)
     with usage_errors():
         plan = options_plan({**given, "most_topics": MOST_TOPICS}, bag, "--{}")
-    plan = replace(plan, selection=replace(plan.selection, named=named))
+    plan = replace(plan, selection=replace(plan.selection, named=topic_names))
     from ssp_monitor.ros.recording import record
 
     sayings = RepeatedWarnings()
@@ -84,7 +84,7 @@ def record_command(
                     note(f"warning: {warning}")
 
         closed, why = record(plan, stop, duration, tell)
-    for name in sorted(named.difference(closed.topics, closed.ambiguous)):
+    for name in sorted(topic_names.difference(closed.topics, closed.ambiguous)):
         note(f"warning: {name} had no publisher")
     if why:
         note(f"ended by itself: {why}")

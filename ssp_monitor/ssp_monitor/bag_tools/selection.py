@@ -135,17 +135,17 @@ def chosen_topics(bag: BagReader, only: Sequence[str], exclude: Sequence[str]) -
                     value=pattern,
                     remedy="`ssp bag info` lists them",
                 )
-    chosen = [
+    topic_names = [
         name
         for name in sorted(bag.topics)
         if (not only or any(fnmatchcase(name, p) for p in only))
         and not any(fnmatchcase(name, p) for p in exclude)
     ]
-    if bag.topics and not chosen:
+    if bag.topics and not topic_names:
         raise InputError(
             "leave no topic over",
             file=bag.path,
             field="--topics and --exclude",
             remedy="exclude less; `ssp bag info` lists the topics",
         )
-    return chosen
+    return topic_names

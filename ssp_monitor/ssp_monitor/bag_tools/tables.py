@@ -175,8 +175,8 @@ def _as_list(path: str) -> Callable[[Any], list[Any]]:
     get = attrgetter(path)
 
     def value(message: Any) -> list[Any]:
-        found = get(message)
-        return found.tolist() if isinstance(found, np.ndarray) else list(found)
+        elements = get(message)
+        return elements.tolist() if isinstance(elements, np.ndarray) else list(elements)
 
     return value
 
@@ -189,8 +189,8 @@ def _as_json(path: str) -> Callable[[Any], str]:
 def _plain(value: Any) -> Any:
     """Return a decoded value as lists, mappings, numbers and texts; long bytes as their length."""
     if is_dataclass(value) and not isinstance(value, type):
-        named = [f.name for f in fields(value) if f.init and f.name != "__msgtype__"]
-        return {name: _plain(getattr(value, name)) for name in named}
+        field_names = [f.name for f in fields(value) if f.init and f.name != "__msgtype__"]
+        return {name: _plain(getattr(value, name)) for name in field_names}
     if isinstance(value, np.ndarray):
         if value.dtype.itemsize == 1 and value.size > _FEW_BYTES and value.dtype != np.bool_:
             return f"{value.size} bytes"

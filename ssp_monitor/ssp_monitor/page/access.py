@@ -17,16 +17,16 @@ def make_token() -> str:
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 
-def same_token(given: str, token: str) -> bool:
+def same_token(candidate: str, token: str) -> bool:
     """Compare a token in a time that doesn't tell how much of it was right."""
     # Bytes that are no text reach us as lone surrogates.
-    return hmac.compare_digest(given.encode("utf-8", "surrogatepass"), token.encode())
+    return hmac.compare_digest(candidate.encode("utf-8", "surrogatepass"), token.encode())
 
 
 def bearer(header: str | None) -> str:
     """Return the token of an Authorization header, empty without one."""
-    scheme, _, given = (header or "").partition(" ")
-    return given.strip() if scheme.lower() == "bearer" else ""
+    scheme, _, token = (header or "").partition(" ")
+    return token.strip() if scheme.lower() == "bearer" else ""
 
 
 def _name_and_port(host: str) -> tuple[str, int] | None:
@@ -49,8 +49,8 @@ def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
 
 def is_loopback(host: str) -> bool:
     """Tell whether a server that binds to this can be reached from this machine alone."""
-    found = _address(host)
-    return host in _LOOPBACK_NAMES if found is None else found.is_loopback
+    address = _address(host)
+    return host in _LOOPBACK_NAMES if address is None else address.is_loopback
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +78,10 @@ class AccessRules:
         A page of somebody else whose name was made to point here (DNS rebinding) sends its own
         name, and is refused.
         """
-        found = _name_and_port(host or "")
-        if found is None or found[1] != self.port:
+        name_and_port = _name_and_port(host or "")
+        if name_and_port is None or name_and_port[1] != self.port:
             return False
-        name = found[0]
+        name = name_and_port[0]
         address = _address(name)
         if self.open_to_read:
             return is_loopback(name)

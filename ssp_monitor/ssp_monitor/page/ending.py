@@ -74,8 +74,8 @@ def _standing(board: Board) -> tuple[bool, str]:
         at_s = board.elapsed_s
         return True, "everything stood" + ("" if at_s is None else f" at {at_s:.1f} s")
     why = f" ({fact.reason})" if fact and fact.reason else ""
-    heard = f"the session was {state.name}{why} when it was last heard"
-    return False, f"{heard}, and no standstill was reported. Objects may be moving."
+    session_text = f"the session was {state.name}{why} when it was last heard"
+    return False, f"{session_text}, and no standstill was reported. Objects may be moving."
 
 
 def _verdict(board: Board, word: EndWord | None) -> str:

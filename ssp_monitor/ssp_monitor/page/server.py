@@ -46,15 +46,15 @@ def load_assets(folder: Path = FOLDER) -> dict[str, Asset]:
     Raises:
         HostError: the installation lacks the page.
     """
-    found = {
+    assets = {
         f"/{path.name}": Asset(path.read_bytes(), _TYPES[path.suffix])
         for path in sorted(folder.glob("*"))
         if path.suffix in _TYPES
     }
-    if "/index.html" not in found:
+    if "/index.html" not in assets:
         raise HostError(f"{folder} has no index.html: this installation lacks the operators' page")
-    found["/"] = found.pop("/index.html")
-    return found
+    assets["/"] = assets.pop("/index.html")
+    return assets
 
 
 ANSWER_S = 3.0
@@ -88,13 +88,13 @@ _LOG.addFilter(_is_ours)
 class Commands(Protocol):
     """The way of commands to the manager."""
 
-    def ask(self, command: str, who: str, shown: StateOnPage | None) -> Future[Answer]:
+    def ask(self, command: str, who: str, state_on_page: StateOnPage | None) -> Future[Answer]:
         """Send one of names.SESSION_COMMANDS; may be called in any thread.
 
         Args:
             command: its name.
             who: where it comes from, for the record.
-            shown: state for which it was pressed; None for an abort, which counts in each.
+            state_on_page: state for which it was pressed; None for an abort, which counts in each.
         """
 
 
@@ -229,11 +229,11 @@ class PageServer:
             return _answer(404, Answer(False, f"there is no command {name[:20]}"))
         if not self._buckets.get(name, self._buckets[""]).take(now_ns):
             return _answer(429, Answer(False, "too many commands at once; wait a second"))
-        shown = None
+        state_on_page = None
         if name != "abort":  # of an abort the head alone counts, whatever follows it
             try:  # bounded by client_max_size
                 body = await asyncio.wait_for(request.read(), REQUEST_S)
-                shown = _shown(body)
+                state_on_page = _state_on_page(body)
             except TimeoutError:
                 return _closing(408, "the request did not end")
             except (web.RequestPayloadError, HttpProcessingError, ConnectionError):
@@ -242,12 +242,14 @@ class PageServer:
                 return _answer(400, Answer(False, f"not sent: {error}; load the page again"))
         if self._retired:
             return _answer(200, Answer(False, RETIRED))
-        if shown is not None and (late := _late(shown, time.monotonic_ns())):
+        if state_on_page is not None and (late := _late(state_on_page, time.monotonic_ns())):
             return _answer(200, Answer(False, late))
         limit_s = ABORT_ANSWER_S if name == "abort" else ANSWER_S
-        asked = self._commands.ask(name, f"operator page at {request.remote}", shown)
+        pending_answer = self._commands.ask(
+            name, f"operator page at {request.remote}", state_on_page
+        )
         try:
-            answer = await asyncio.wait_for(asyncio.wrap_future(asked), limit_s)
+            answer = await asyncio.wait_for(asyncio.wrap_future(pending_answer), limit_s)
         except TimeoutError:
             text = f"the scenario manager gave no answer within {limit_s:g} s"
             return _answer(504, Answer(False, text, answered=False))
@@ -255,10 +257,10 @@ class PageServer:
 
     def _stranger(self, request: web.Request, now_ns: int) -> web.StreamResponse | None:
         """Refuse a request without the page's token; None: it has it. ABORT needs none."""
-        given = bearer(request.headers.get("Authorization"))
-        if not given:
+        token = bearer(request.headers.get("Authorization"))
+        if not token:
             return _answer(401, Answer(False, "no token: open the page by the URL it was given"))
-        if same_token(given, self.door.token):
+        if same_token(token, self.door.token):
             return None
         if not self._guesses.take(now_ns):
             return _answer(429, Answer(False, "too many wrong tokens; wait a second"))
@@ -273,15 +275,15 @@ class PageServer:
         return web.Response(text="leaves")
 
 
-def _shown(body: bytes) -> StateOnPage:
+def _state_on_page(body: bytes) -> StateOnPage:
     """Return the state that the page showed. Raise ValueError where its request doesn't say."""
-    told = parse_strict(body)
-    return StateOnPage.parse(told.get("shown") if isinstance(told, dict) else None)
+    fields = parse_strict(body)
+    return StateOnPage.parse(fields.get("shown") if isinstance(fields, dict) else None)
 
 
-def _late(shown: StateOnPage, now_ns: int) -> str:
+def _late(state_on_page: StateOnPage, now_ns: int) -> str:
     """Give the reason why a press came too late, as over a link that was down; empty: it didn't."""
-    age_s = (now_ns - shown.made_ns) / 1e9
+    age_s = (now_ns - state_on_page.made_ns) / 1e9
     if 0.0 <= age_s <= PRESS_S:
         return ""
     if age_s < 0.0:

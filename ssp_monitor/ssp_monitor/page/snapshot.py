@@ -134,12 +134,12 @@ class Snapshots:
         elif (age := board.manager.silent_s(now_ns)) > STALE_S:
             silent.append(f"the scenario manager is silent for {age:.1f} s")
         for object_id in self._expected():
-            heard = board.objects.get(object_id)
-            if heard is None:
+            latest_state = board.objects.get(object_id)
+            if latest_state is None:
                 silent.append(f"{object_id} was never heard")
-            elif (age := age_s(now_ns, heard.at_ns)) > STALE_S:
+            elif (age := age_s(now_ns, latest_state.at_ns)) > STALE_S:
                 silent.append(f"{object_id} is silent for {age:.1f} s")
-            elif (age := object_age_s(board, heard, now_ns)) > STALE_S:
+            elif (age := object_age_s(board, latest_state, now_ns)) > STALE_S:
                 silent.append(f"what {object_id} says is {age:.1f} s old")
         return silent
 
@@ -213,16 +213,20 @@ class Snapshots:
 
     def _objects(self, now_ns: int) -> list[dict[str, Any]]:
         board = self._board
-        everyone = sorted(board.objects.values(), key=lambda heard: _order(heard.state))
+        everyone = sorted(
+            board.objects.values(), key=lambda latest_state: _order(latest_state.state)
+        )
         vut = next((h for h in everyone if h.state.role is Role.VUT), None)
         fresh_vut = vut.state if vut and object_age_s(board, vut, now_ns) <= STALE_S else None
-        return [self._object(heard, fresh_vut, now_ns) for heard in everyone]
+        return [self._object(latest_state, fresh_vut, now_ns) for latest_state in everyone]
 
-    def _object(self, heard: LatestState, vut: ObjectState | None, now_ns: int) -> dict[str, Any]:
-        state = heard.state
-        old_s = object_age_s(self._board, heard, now_ns)
+    def _object(
+        self, latest_state: LatestState, vut: ObjectState | None, now_ns: int
+    ) -> dict[str, Any]:
+        state = latest_state.state
+        old_s = object_age_s(self._board, latest_state, now_ns)
         limit_s = self._limits.state_age_s if self._limits else DEFAULT_STATE_AGE_S
-        found: dict[str, Any] = {
+        entry: dict[str, Any] = {
             "id": state.object_id,
             "class": state.object_class.word,
             "role": state.role.name,
@@ -239,24 +243,24 @@ class Snapshots:
             "stale": old_s > STALE_S,
         }
         if state.reference_id:
-            found["error"] = [
+            entry["error"] = [
                 number(state.error_longitudinal_m, 2),
                 number(state.error_lateral_m, 2),
             ]
-            found["error_over"] = self._is_off(state)
+            entry["error_over"] = self._is_off(state)
         link = links_of(self._board, now_ns).get(state.object_id)
         if link is not None:
-            found["link"] = _link(link, self._limits)
+            entry["link"] = _link(link, self._limits)
         if vut is None or state.object_id == vut.object_id:
-            return found
+            return entry
         if not (state.is_finite and vut.is_finite):
-            return found
-        found["distance"] = number(box_distance(vut.box, state.box), 2)
+            return entry
+        entry["distance"] = number(box_distance(vut.box, state.box), 2)
         if self._path is not None and state.role is Role.OT:
-            found["meeting"] = _meeting(
+            entry["meeting"] = _meeting(
                 encounter(vut, state.extrapolated(vut.stamp_ns), self._path)
             )
-        return found
+        return entry
 
     def _is_off(self, state: ObjectState) -> bool:
         limits = self._limits
@@ -285,11 +289,11 @@ def _control(state: ObjectState) -> str:
     return "" if driven or state.role is Role.TRAFFIC else state.control_state.name
 
 
-def _meeting(met: Encounter) -> dict[str, float | None]:
+def _meeting(meeting: Encounter) -> dict[str, float | None]:
     return {
-        "ttc": number(met.ttc_s, 1),
-        "vut": number(met.vut_arrival_s, 1),
-        "object": number(met.object_arrival_s, 1),
+        "ttc": number(meeting.ttc_s, 1),
+        "vut": number(meeting.vut_arrival_s, 1),
+        "object": number(meeting.object_arrival_s, 1),
     }
 
 
@@ -393,8 +397,8 @@ def _routes(drawing: Drawing) -> list[dict[str, Any]]:
 
 def _line(points: Sequence[Point]) -> list[list[float]]:
     step = max(1, -(-len(points) // MOST_POINTS))
-    kept = [*points[:-1:step], *points[-1:]]
-    return [[round(x, 3), round(y, 3)] for x, y in kept]
+    vertices = [*points[:-1:step], *points[-1:]]
+    return [[round(x, 3), round(y, 3)] for x, y in vertices]
 
 
 NOT_JPEG = "not JPEG"

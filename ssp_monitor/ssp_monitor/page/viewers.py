@@ -34,8 +34,8 @@ class Mailbox:
         """Take all there is, as soon as there is something."""
         await self._filled.wait()
         self._filled.clear()
-        taken, self._slots = self._slots, {}
-        return taken
+        payloads, self._slots = self._slots, {}
+        return payloads
 
 
 MOST_VIEWERS = 12
@@ -250,16 +250,16 @@ def _value_of(task: asyncio.Future[bool]) -> bool:
 def _object_of(text: object) -> dict[str, Any] | None:
     """Return the JSON object that a viewer sent, None for anything else."""
     try:
-        said = json.loads(text) if isinstance(text, str) else None
+        message = json.loads(text) if isinstance(text, str) else None
     except (ValueError, RecursionError):
         return None
-    return said if isinstance(said, dict) else None
+    return message if isinstance(message, dict) else None
 
 
 def _token_of(text: str) -> str | None:
     """Return the token of a hello, empty without one; None for what is no hello."""
-    said = _object_of(text)
-    if said is None or said.get("type") != "hello":
+    message = _object_of(text)
+    if message is None or message.get("type") != "hello":
         return None
-    token = said.get("token", "")
+    token = message.get("token", "")
     return token if isinstance(token, str) else None

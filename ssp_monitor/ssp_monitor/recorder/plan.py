@@ -39,9 +39,9 @@ def run_attachments(run_file: Path) -> list[Attachment]:
     Raises:
         InputError: a file can't be read, has the run's name, or is too large.
     """
-    found = [(RUN_NAME, _MEDIA[".yaml"], _read(run_file, MOST_BYTES))]
+    attachments = [(RUN_NAME, _MEDIA[".yaml"], _read(run_file, MOST_BYTES))]
     folder = run_file.parent / TASK_FOLDER
-    left = MOST_BYTES - len(found[0][2])
+    left = MOST_BYTES - len(attachments[0][2])
     files = sorted(path for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
     for path in files:
         if path.name == RUN_NAME:
@@ -50,8 +50,8 @@ def run_attachments(run_file: Path) -> list[Attachment]:
             )
         data = _read(path, left)
         left -= len(data)
-        found.append((path.name, _MEDIA.get(path.suffix, "application/octet-stream"), data))
-    return found
+        attachments.append((path.name, _MEDIA.get(path.suffix, "application/octet-stream"), data))
+    return attachments
 
 
 def _read(path: Path, most: int) -> bytes:
@@ -106,11 +106,11 @@ class RecordingPlan:
     alone: frozenset[str] = frozenset()
 
 
-def options_plan(given: Mapping[str, Any], bag_dir: Path, called: str) -> RecordingPlan:
+def options_plan(options: Mapping[str, Any], bag_dir: Path, called: str) -> RecordingPlan:
     """Return the recording that options mean, those of a command line or a node's parameters.
 
     Args:
-        given: ``all``, ``include`` and ``exclude`` (a text or several), ``most_topics``,
+        options: ``all``, ``include`` and ``exclude`` (a text or several), ``most_topics``,
             ``split_mb``, ``split_s``, ``queue_mb``, ``reserve_mb``, ``video``, ``video_topics``.
         bag_dir: new folder of the bag.
         called: what an option is called towards people, with ``{}`` for its name.
@@ -120,21 +120,21 @@ def options_plan(given: Mapping[str, Any], bag_dir: Path, called: str) -> Record
     """
 
     def patterns(option: str) -> tuple[Pattern, ...]:
-        texts = (given[option],) if isinstance(given[option], str) else given[option]
+        texts = (options[option],) if isinstance(options[option], str) else options[option]
         return tuple(Pattern(text, called.format(option)) for text in texts if text)
 
-    split_mb, split_s = given["split_mb"], given["split_s"]
+    split_mb, split_s = options["split_mb"], options["split_s"]
     size = round(split_mb * MB) if split_mb else None
     return RecordingPlan(
         bag_dir=bag_dir,
         selection=Selection(
-            everything=given["all"],
+            everything=options["all"],
             include=patterns("include"),
             exclude=patterns("exclude"),
-            most=given["most_topics"],
+            most=options["most_topics"],
         ),
-        needs=DiskNeeds(given["reserve_mb"] * MB),
+        needs=DiskNeeds(options["reserve_mb"] * MB),
         split=Split(size, split_s or None) if split_mb or split_s else None,
-        video=video_choice(given["video"] or "", given["video_topics"]),
-        queue_bytes=given["queue_mb"] * MB,
+        video=video_choice(options["video"] or "", options["video_topics"]),
+        queue_bytes=options["queue_mb"] * MB,
     )

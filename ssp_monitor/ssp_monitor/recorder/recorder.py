@@ -164,23 +164,23 @@ class DropQueue:
         Args:
             most_bytes: no more are taken once they hold this much.
         """
-        taken: list[BagMessage] = []
+        messages: list[BagMessage] = []
         size = 0
         with self._lock:
             self._bytes -= self._writing
             ranks = [rank for rank, queue in enumerate(self._waiting) if queue]
-            while ranks and size < most_bytes and len(taken) < BATCH_MESSAGES:
+            while ranks and size < most_bytes and len(messages) < BATCH_MESSAGES:
                 rank = min(ranks, key=self._first_number) if len(ranks) > 1 else ranks[0]
                 queue = self._waiting[rank]
                 message = queue.popleft()[1]
-                taken.append(message)
+                messages.append(message)
                 own = len(message.data) + OVERHEAD_BYTES
                 self._bytes_of[rank] -= own
                 size += own
                 if not queue:
                     ranks.remove(rank)
             self._writing = size
-        return taken
+        return messages
 
     def _first_number(self, rank: int) -> int:
         return self._waiting[rank][0][0]
@@ -412,7 +412,7 @@ class Recorder:
     def _write_waiting(self) -> None:
         while True:
             batch = self._queue.take(BATCH_BYTES)
-            done = 0
+            written_count = 0
             try:
                 # After the messages were taken: each was announced before it was put.
                 self._add_waiting()
@@ -421,12 +421,12 @@ class Recorder:
                 for message in batch:
                     encoding = self._encodings.get(message.topic)
                     self._write([message] if encoding is None else encoding.encode(message))
-                    done += 1
+                    written_count += 1
                     # A batch of pictures may take an encoder many seconds.
                     if encoding is not None:
                         self._flush_when_due()
             except BaseException:
-                self._queue.give_up(batch[done:])
+                self._queue.give_up(batch[written_count:])
                 raise
             self._flush_when_due()
 

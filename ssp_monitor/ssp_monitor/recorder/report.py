@@ -151,8 +151,10 @@ class ClosedRecording:
     @property
     def problems(self) -> tuple[str, ...]:
         """All that is wrong beside the number of lost messages; empty when nothing is."""
-        found = self.check.problems if self.check is not None else (str(self.state.failure),)
-        return (*self.incomplete, *found)
+        check_problems = (
+            self.check.problems if self.check is not None else (str(self.state.failure),)
+        )
+        return (*self.incomplete, *check_problems)
 
 
 def check_closed(
@@ -196,11 +198,11 @@ def _wrong_counts(
 ) -> list[str]:
     wrong = []
     for name, count in sorted(expected.items()):
-        found = counts.get(name, 0)
+        bag_count = counts.get(name, 0)
         if name in originals:
-            found += counts.get(originals[name], 0)
-        if found != count:
-            wrong.append(f"{name}: {found} messages in the bag, {count} were received")
+            bag_count += counts.get(originals[name], 0)
+        if bag_count != count:
+            wrong.append(f"{name}: {bag_count} messages in the bag, {count} were received")
     return wrong
 
 

@@ -88,13 +88,13 @@ class TopicSpec:
 
 def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
     """Return all topics of a session with their types, in the order of the bag."""
-    found: list[TopicSpec] = []
+    specs: list[TopicSpec] = []
 
     def add(
         name: str, kind: str, profile: Profile, *, required: bool = False, session: bool = True
     ) -> None:
         msgtype = kind if "/" in kind else f"ssp_msgs/msg/{kind}"
-        found.append(TopicSpec(names.absolute(name), msgtype, profile, required, session))
+        specs.append(TopicSpec(names.absolute(name), msgtype, profile, required, session))
 
     state, command, latched = Profile.STATE, Profile.COMMAND, Profile.LATCHED
     if run.mode != "live":
@@ -150,7 +150,7 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
         add(names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped", latched)
         if run.camera.renderer == "carla":
             add(names.CAMERA_RENDERER, TEXT_TYPE, latched, required=True, session=False)
-    return tuple(found)
+    return tuple(specs)
 
 
 def uses_simulated_time(run: RunSpec) -> bool:
@@ -232,7 +232,7 @@ class TopicDiscovery:
         Returns:
             Those that are new, named ones first, then by name.
         """
-        found: list[TopicSpec] = []
+        new_topics: list[TopicSpec] = []
         for name, types in self.in_order(graph):
             if name in self.recorded:
                 self._look_again(name, types)
@@ -240,8 +240,8 @@ class TopicDiscovery:
                 continue
             elif (spec := self._new(name, types, why_not)) is not None:
                 self.recorded[name] = spec.msgtype
-                found.append(spec)
-        return found
+                new_topics.append(spec)
+        return new_topics
 
     def in_order(
         self, graph: Iterable[tuple[str, Sequence[str]]]
@@ -261,10 +261,10 @@ class TopicDiscovery:
 
     def wants(self, name: str) -> bool:
         """Tell the same as Selection.wants; each name is judged once."""
-        judged = self._judged.get(name)
-        if judged is None:
-            judged = self._judged[name] = self.selection.wants(name)
-        return judged
+        is_wanted = self._judged.get(name)
+        if is_wanted is None:
+            is_wanted = self._judged[name] = self.selection.wants(name)
+        return is_wanted
 
     def _new(
         self, name: str, types: Sequence[str], why_not: Callable[[str], str | None]
@@ -365,7 +365,7 @@ def importance(topic: TopicSpec) -> Importance:
     """Return how long a topic's messages are kept while others are dropped."""
     if topic.profile is Profile.SENSOR and topic.msgtype == "sensor_msgs/msg/CompressedImage":
         return Importance.FRAME
-    known = _BY_TYPE.get(topic.msgtype)
+    type_importance = _BY_TYPE.get(topic.msgtype)
     if topic.profile is Profile.ADAPTED:
-        return Importance.OTHER if known is None else known
-    return Importance.STATE if known is None else known
+        return Importance.OTHER if type_importance is None else type_importance
+    return Importance.STATE if type_importance is None else type_importance

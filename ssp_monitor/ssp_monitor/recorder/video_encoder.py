@@ -68,8 +68,8 @@ class VideoEncoder:
             self._waiting.pop(self._number - 1, None)
             self._context = None  # its state is unknown; the next frame is a keyframe
             raise ValueError(f"{width} x {height} px can't be encoded: {error}") from error
-        done, self._done = self._done, []
-        return done
+        messages, self._done = self._done, []
+        return messages
 
     def finish(self) -> list[BagMessage]:
         """Return the messages that the encoder held back.
@@ -80,9 +80,9 @@ class VideoEncoder:
             FFmpegError: it can't give that out.
         """
         context, self._context = self._context, None
-        done, self._done = self._done, []
+        messages, self._done = self._done, []
         try:
-            return done if context is None else done + self._messages(context.encode(None))
+            return messages if context is None else messages + self._messages(context.encode(None))
         finally:
             self._waiting.clear()
 
@@ -122,12 +122,12 @@ class VideoEncoder:
         return context
 
     def _messages(self, packets: list[av.Packet[av.VideoStream]]) -> list[BagMessage]:
-        done = []
+        messages = []
         for packet in packets:
-            found = self._waiting.pop(packet.pts if packet.pts is not None else -1, None)
-            if found is None:
+            waiting_frame = self._waiting.pop(packet.pts if packet.pts is not None else -1, None)
+            if waiting_frame is None:
                 continue
-            message, image = found
+            message, image = waiting_frame
             data = encode_video_message(image.stamp_ns, image.frame_id, bytes(packet), self._codec)
-            done.append(message._replace(data=data))
-        return done
+            messages.append(message._replace(data=data))
+        return messages

@@ -97,11 +97,11 @@ def session_signs(
 
     Services tell of nodes that were given other names.
     """
-    found = {f"node {space.rstrip('/')}/{name}" for name, space in nodes if name in SESSION_NODES}
-    found |= {
+    signs = {f"node {space.rstrip('/')}/{name}" for name, space in nodes if name in SESSION_NODES}
+    signs |= {
         f"service {name}" for name, types in services if not SESSION_SERVICES.isdisjoint(types)
     }
-    return sorted(found)
+    return sorted(signs)
 
 
 # Room for a subscriber that stalls for a moment. What a subscriber has acknowledged is forgotten,
@@ -275,16 +275,16 @@ def make_plan(recorded: Mapping[str, TopicInfo], wishes: ReplayOptions, missing:
         InputError: a wish names nothing in the bag, or nothing is left.
     """
     remap = _remapped(recorded, wishes.remap)
-    wanted = _matching(recorded, wishes.topics, "--topics") if wishes.topics else set(recorded)
-    wanted -= _matching(recorded, wishes.exclude, "--exclude")
-    if not wanted:
+    topic_names = _matching(recorded, wishes.topics, "--topics") if wishes.topics else set(recorded)
+    topic_names -= _matching(recorded, wishes.exclude, "--exclude")
+    if not topic_names:
         raise InputError(
             "names no topic that is left",
             field="--topics and --exclude",
             remedy="exclude less; `ssp bag info` lists the topics",
         )
     lines, left_out = [], []
-    for name in sorted(wanted):
+    for name in sorted(topic_names):
         info, topic = recorded[name], remap.get(name, name)
         if topic == names.CLOCK and wishes.clock_hz is not None:
             continue
@@ -308,15 +308,15 @@ def make_plan(recorded: Mapping[str, TopicInfo], wishes: ReplayOptions, missing:
 
 def played(lines: Iterable[PlannedTopic]) -> tuple[str, ...]:
     """Return participants that a replay plays: VUT, positioning, camera, objects, bodies."""
-    found: set[str] = set()
+    participants: set[str] = set()
     for line in lines:
         place, _, _ = line.topic.removeprefix(f"{names.NAMESPACE}/").rpartition("/")
         if line.topic == names.absolute(names.CAMERA_IMAGE):
-            found.add(CAMERA)
+            participants.add(CAMERA)
         elif line.topic == names.absolute(names.state_topic(place)) and "/" not in place:
             is_vut = place == names.VUT_ID
-            found |= {place, POSITIONING if is_vut else body_of(place)}
-    return tuple(sorted(found))
+            participants |= {place, POSITIONING if is_vut else body_of(place)}
+    return tuple(sorted(participants))
 
 
 def _folder_of(topic: str) -> str:
@@ -330,7 +330,7 @@ _OF_THE_RECORDED_SESSION = "says what took part in the recorded session; a repla
 
 def _matching(recorded: Mapping[str, TopicInfo], wishes: tuple[str, ...], field: str) -> set[str]:
     """Return topics that are named or, where a wish is no topic's name, whose names hold it."""
-    found: set[str] = set()
+    matches: set[str] = set()
     for wish in wishes:
         exact = {name for name in (wish, names.absolute(wish)) if name in recorded}
         if not exact:
@@ -344,12 +344,12 @@ def _matching(recorded: Mapping[str, TopicInfo], wishes: tuple[str, ...], field:
                 value=wish,
                 remedy=f"it has {some}{', ...' if len(recorded) > 6 else ''}",
             )
-        found |= exact
-    return found
+        matches |= exact
+    return matches
 
 
 def _remapped(recorded: Mapping[str, TopicInfo], remap: Mapping[str, str]) -> dict[str, str]:
-    found = {}
+    new_names = {}
     for wish, topic in remap.items():
         name = wish if wish in recorded else names.absolute(wish)
         if name not in recorded:
@@ -366,8 +366,8 @@ def _remapped(recorded: Mapping[str, TopicInfo], remap: Mapping[str, str]) -> di
                 value=topic,
                 remedy="begin with a letter, and use letters, digits, underscores and slashes",
             )
-        found[name] = names.absolute(topic)
-    return found
+        new_names[name] = names.absolute(topic)
+    return new_names
 
 
 def is_name(topic: str) -> bool:

@@ -77,17 +77,21 @@ class MessageSource:
         }
         if self.start_ns <= self.bag_start_ns:
             return []
-        kept = {
+        newest_by_topic = {
             line.recorded: deque[BagMessage](maxlen=line.offer.depth)
             for line in self._lines
             if line.offer.latched
         }
         for message in (
-            self._reader.messages(frozenset(kept), self.bag_start_ns, self.start_ns) if kept else ()
+            self._reader.messages(frozenset(newest_by_topic), self.bag_start_ns, self.start_ns)
+            if newest_by_topic
+            else ()
         ):
-            kept[message.topic].append(self._with_others(message))
-        found = [message for messages in kept.values() for message in messages]
-        return sorted(found, key=lambda message: message.log_time_ns)
+            newest_by_topic[message.topic].append(self._with_others(message))
+        latched_messages = [
+            message for messages in newest_by_topic.values() for message in messages
+        ]
+        return sorted(latched_messages, key=lambda message: message.log_time_ns)
 
     def messages(self) -> ReadAhead:
         """Return the stretch from its beginning; ``kept`` goes before it."""
@@ -398,11 +402,11 @@ class Lateness:
         Args:
             share: from 0 to 1.
         """
-        wanted = math.ceil(share * self.count)
-        seen = 0
+        rank = math.ceil(share * self.count)
+        cumulative_count = 0
         for step in sorted(self._counts):
-            seen += self._counts[step]
-            if seen >= wanted:
+            cumulative_count += self._counts[step]
+            if cumulative_count >= rank:
                 return min(round(2.0 ** (step / _STEPS)) if step >= 0 else 0, self.most_ns)
         return self.most_ns
 
@@ -444,7 +448,7 @@ class Player:
         send: Callable[[BagMessage], None],
         tick: Callable[[int], None],
         over: Callable[[], None] = lambda: None,
-        told: Callable[[Leap | Pause], None] = lambda _: None,
+        listener: Callable[[Leap | Pause], None] = lambda _: None,
     ) -> None:
         self._tape = tape
         self._plan = plan
@@ -452,7 +456,7 @@ class Player:
         self._send = send
         self._tick = tick
         self._over = over
-        self._told = told
+        self._told = listener
         self.lateness = Lateness()
         self.error: BaseException | None = None
         self._sent = 0

@@ -17,25 +17,27 @@ _MOST_NAMED = 8
 
 def plan_lines(plan: Plan) -> list[str]:
     """List the topics that are published and those that aren't, for people."""
-    said = []
+    lines = []
     commands = [one for one in plan.left_out if one.is_command]
     if commands:
-        named = ", ".join(f"{one.topic} ({one.count})" for one in commands[:_MOST_NAMED])
+        topics_text = ", ".join(f"{one.topic} ({one.count})" for one in commands[:_MOST_NAMED])
         more = f" and {len(commands) - _MOST_NAMED} more" if len(commands) > _MOST_NAMED else ""
-        said.append(f"left out, since objects may act on it: {named}{more} (--commands: not)")
-    said += [
+        lines.append(
+            f"left out, since objects may act on it: {topics_text}{more} (--commands: not)"
+        )
+    lines += [
         f"left out: {one.topic} ({one.count} messages): {one.why}"
         for one in plan.left_out
         if not one.is_command
     ]
-    said += [
+    lines += [
         f"{line.recorded} as {line.topic}" for line in plan.lines if line.topic != line.recorded
     ]
     if plan.clock_recorded:
-        said.append("/clock as recorded (--clock HZ: made from the bag's times instead)")
+        lines.append("/clock as recorded (--clock HZ: made from the bag's times instead)")
     elif plan.clock_hz:
-        said.append(f"/clock at {plan.clock_hz:g} Hz from the bag's times of reception")
-    return said
+        lines.append(f"/clock at {plan.clock_hz:g} Hz from the bag's times of reception")
+    return lines
 
 
 def progress_line(progress: Progress, start_ns: int, end_ns: int, topics: int) -> str:
@@ -89,17 +91,19 @@ class ReplayOutcome:
 
     def lines(self) -> list[str]:
         late = self.lateness
-        said = [
+        summary_lines = [
             f"{self.progress.sent} messages of {len(self.plan.lines)} topics sent; late by "
             f"{late.quantile_ns(0.5) / 1e6:.2f} ms (median), {late.quantile_ns(0.99) / 1e6:.2f} ms "
             f"(99 %), {late.most_ns / 1e6:.2f} ms (at most)"
         ]
         if late.quantile_ns(0.99) > BEHIND_NS:
-            said.append(
+            summary_lines.append(
                 "this machine did not keep up with the rate: a lower --rate or fewer --topics help"
             )
-        said += [f"{topic}: a subscriber did not confirm all" for topic in self.unacknowledged]
-        return said
+        summary_lines += [
+            f"{topic}: a subscriber did not confirm all" for topic in self.unacknowledged
+        ]
+        return summary_lines
 
 
 def _left_out_json(one: OmittedTopic) -> dict[str, Any]:

@@ -83,9 +83,9 @@ def is_latched(publishers: Sequence[TopicEndpointInfo]) -> bool:
     )
 
 
-def is_heard(publisher: TopicEndpointInfo, msgtype: str, wanted: QoSProfile) -> bool:
+def is_heard(publisher: TopicEndpointInfo, msgtype: str, reader_qos: QoSProfile) -> bool:
     """Tell whether a reader of this type and profile hears a publisher."""
-    compatible = qos_check_compatible(publisher.qos_profile, wanted)[0]
+    compatible = qos_check_compatible(publisher.qos_profile, reader_qos)[0]
     return bool(publisher.topic_type == msgtype and compatible != QoSCompatibility.ERROR)
 
 
@@ -173,10 +173,10 @@ def message_class(msgtype: str) -> type:
     """
     package, _, name = msgtype.partition("/msg/")
     try:
-        found: type = getattr(importlib.import_module(f"{package}.msg"), name)
+        ros_class: type = getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError) as error:
         raise HostError(f"message type {msgtype} is not installed: {error}") from error
-    return found
+    return ros_class
 
 
 def profile_of(offer: PublisherQos) -> QoSProfile:
@@ -201,10 +201,10 @@ def why_not_installed(msgtype: str, type_hash: str) -> str | None:
     """
     try:
         # A name out of a bag is imported only when it is that of an interface package.
-        known = definition(msgtype).type_hash
+        installed_hash = definition(msgtype).type_hash
         message_class(msgtype)
     except (InputError, HostError):
         return f"its type {msgtype} is not installed"
-    if type_hash and known and type_hash != known:
+    if type_hash and installed_hash and type_hash != installed_hash:
         return f"it was recorded with another definition of {msgtype} than is installed"
     return None

@@ -75,21 +75,21 @@ class GraphWatch:
             topic: of the run.
             received: how many of its messages were received.
         """
-        wanted = recording_profile(topic.profile)
+        profile = recording_profile(topic.profile)
         publishers = self._node.get_publishers_info_by_topic(topic.name)
         self.publishers[topic.name] = len(publishers)
-        heard = [is_heard(publisher, topic.msgtype, wanted) for publisher in publishers]
+        compatibility = [is_heard(publisher, topic.msgtype, profile) for publisher in publishers]
         # Before anything was heard, a publisher that can't be is a mistake that can be mended.
-        known = topic.name in self.unheard or not received
-        if not all(heard) and not known:
+        needs_no_notice = topic.name in self.unheard or not received
+        if not all(compatibility) and not needs_no_notice:
             self.unheard.add(topic.name)
-            stranger = publishers[heard.index(False)]
+            stranger = publishers[compatibility.index(False)]
             self._say(
                 f"{topic.name} is not heard from {stranger.node_name}: its type or profile is not "
                 "that of the run; what it says is lost"
             )
         silent = topic.speaks_early and not received
-        return not all(heard) or (topic.required and (not heard or silent))
+        return not all(compatibility) or (topic.required and (not compatibility or silent))
 
     def look(self) -> None:
         """Look at the graph when it is due, and record new topics for a while."""
@@ -130,10 +130,10 @@ class GraphWatch:
         if count == self.publishers.get(name) or name not in self._profiles:
             return
         self.publishers[name] = count
-        wanted = self._profiles[name]
+        profile = self._profiles[name]
         for publisher in self._node.get_publishers_info_by_topic(name):
             # Of another type the survey tells.
-            if publisher.topic_type == msgtype and not is_heard(publisher, msgtype, wanted):
+            if publisher.topic_type == msgtype and not is_heard(publisher, msgtype, profile):
                 self.unheard.add(name)
                 self._say(
                     f"{name} is not heard from {publisher.node_name}: it came later and offers "

@@ -156,8 +156,8 @@ class MonitorNode(Node):
         if check is None:
             raise HostError(str(state.failure))
         problems = (*closed.problems, *self.recording.strangers())
-        told = self._last_word.verdict(closed.lost, self._plan.lost_limit, problems)
-        leave_verdict(self.recording.recorder.path, *told, "monitor")
+        verdict = self._last_word.verdict(closed.lost, self._plan.lost_limit, problems)
+        leave_verdict(self.recording.recorder.path, *verdict, "monitor")
         if closed.incomplete:
             raise HostError("; ".join(closed.incomplete))
 

@@ -68,7 +68,7 @@ class ManagerCommands:
         """Return commands whose services were found."""
         return frozenset(word for word, one in self._clients.items() if one.service_is_ready())
 
-    def ask(self, command: str, who: str, shown: StateOnPage | None) -> Future[Answer]:
+    def ask(self, command: str, who: str, state_on_page: StateOnPage | None) -> Future[Answer]:
         """Send a command as PageServer's Commands.
 
         An answer that never comes leaves the future as it is.
@@ -80,24 +80,24 @@ class ManagerCommands:
             answer.set_result(Answer(False, text, answered=False))
             return answer
         request = SessionCommand.Request(requested_by=who, session_token=self._session_token())
-        if shown is not None:
-            request.shown_state = shown.state
-            request.shown_since = ros.stamp_from_ns(shown.since_ns)
-        asked = client.call_async(request)
-        asked.add_done_callback(partial(_pass_on, answer))
-        answer.add_done_callback(lambda done: _forget(client, asked, done))
+        if state_on_page is not None:
+            request.shown_state = state_on_page.state
+            request.shown_since = ros.stamp_from_ns(state_on_page.since_ns)
+        pending_response = client.call_async(request)
+        pending_response.add_done_callback(partial(_pass_on, answer))
+        answer.add_done_callback(lambda done: _forget(client, pending_response, done))
         return answer
 
 
-def _pass_on(answer: Future[Answer], asked: Any) -> None:
+def _pass_on(answer: Future[Answer], pending_response: Any) -> None:
     if answer.set_running_or_notify_cancel():
-        answer.set_result(messages.command_answer(asked.result()))
+        answer.set_result(messages.command_answer(pending_response.result()))
 
 
-def _forget(client: Client, asked: Any, answer: Future[Answer]) -> None:
+def _forget(client: Client, pending_response: Any, answer: Future[Answer]) -> None:
     """Forget a request whose answer never came."""
     if answer.cancelled():
-        client.remove_pending_request(asked)
+        client.remove_pending_request(pending_response)
 
 
 class MonitorPage(Node):
@@ -111,26 +111,26 @@ class MonitorPage(Node):
     def __init__(self, stop: ros.StopRequest) -> None:
         super().__init__(names.MONITOR_PAGE, namespace=names.NAMESPACE)
         self._stop = stop
-        given = ros.declare(self, PAGE)
-        own = given["token"] or os.environ.get(TOKEN_VARIABLE, "")
+        parameters = ros.declare(self, PAGE)
+        own = parameters["token"] or os.environ.get(TOKEN_VARIABLE, "")
         token = check_token(own, "parameter token") if own else make_token()
-        run = load_run(given["run_file"]) if given["run_file"] else None
+        run = load_run(parameters["run_file"]) if parameters["run_file"] else None
         self._board = Board(run)
         self._snapshots = Snapshots(self._board)
         self._events_pushed = -1
         self._watch = SessionSubscriptions(self, self._board)
-        self._pictures = Pictures(self._board, int(NS_PER_S / given["camera_rate_hz"]))
+        self._pictures = Pictures(self._board, int(NS_PER_S / parameters["camera_rate_hz"]))
         self._acks: set[str] = set()
         self._subscribe()
         self._commands = ManagerCommands(self, self._session_token)
-        self.server = PageServer(given["host"], given["port"], token, self._commands)
+        self.server = PageServer(parameters["host"], parameters["port"], token, self._commands)
         self.server.push({"site": json.dumps({"type": "site", **site_message(run)})})
         self._announce(not own, token)
         # Steady: a frozen /clock must not freeze the page.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / given["page_rate_hz"], self._push, clock=steady)
+        self.create_timer(1.0 / parameters["page_rate_hz"], self._push, clock=steady)
         self.create_timer(LOOK_PERIOD_S, self._look_around, clock=steady)
-        if given["led_by_runner"]:
+        if parameters["led_by_runner"]:
             threading.Thread(target=self._hear_runner, name="runner", daemon=True).start()
 
     def _session_token(self) -> str:
@@ -138,7 +138,7 @@ class MonitorPage(Node):
         run = self._board.run
         return (run.session_token if run is not None else "") or self._board.manager.session_token
 
-    def _announce(self, made: bool, token: str) -> None:
+    def _announce(self, is_new_token: bool, token: str) -> None:
         if not is_loopback(self.server.door.bound):
             print(
                 f"page: anybody who can reach {self.server.door.bound} sees this port; reading "
@@ -146,17 +146,17 @@ class MonitorPage(Node):
                 flush=True,
             )
         # The one time that the token is said, and only when nobody gave it to us.
-        print(f"page: {self.server.url}{f'#token={token}' if made else ''}", flush=True)
+        print(f"page: {self.server.url}{f'#token={token}' if is_new_token else ''}", flush=True)
 
     def _subscribe(self) -> None:
         sub = self.create_subscription
         sub(CompressedImage, names.CAMERA_IMAGE, self._on_picture, ros.SENSOR, raw=True)
-        told: list[tuple[type, str, Callable[[Any], Event]]] = [
+        event_topics: list[tuple[type, str, Callable[[Any], Event]]] = [
             (SafetyEvent, names.SAFETY_EVENT, messages.safety_event),
             (TriggerEvent, names.TRIGGER_EVENT, messages.trigger_event),
             (FaultEvent, names.FAULT_EVENT, messages.fault_event),
         ]
-        for kind, topic, convert in told:
+        for kind, topic, convert in event_topics:
             sub(kind, topic, partial(self._on_event, convert), ros.LATCHED)
         run = self._board.run
         if run is not None:

@@ -121,22 +121,22 @@ REPLAY = (
 NODES = {"monitor": MONITOR, "monitor_page": PAGE, "view": VIEW, "replay": REPLAY}
 
 
-def session_plan(given: Mapping[str, Any], full_name: Callable[[str], str]) -> RecordingPlan:
+def session_plan(parameters: Mapping[str, Any], full_name: Callable[[str], str]) -> RecordingPlan:
     """Return the recording of one run.
 
     Args:
-        given: the node's parameters, by name.
+        parameters: of the node, by name.
         full_name: under which a topic is heard, its remapping applied.
 
     Raises:
         InputError: the run file is wrong, or a parameter is.
     """
-    run_file = Path(given["run_file"])
+    run_file = Path(parameters["run_file"])
     run = load_run(run_file)
     topics = bag_topics(run)
     # A topic that is heard under another name is not recorded a second time under that.
     own = {full_name(topic.name) for topic in topics}
-    plan = options_plan(given, Path(given["bag_dir"]), "parameter {}")
+    plan = options_plan(parameters, Path(parameters["bag_dir"]), "parameter {}")
     own |= {topic.name for topic in topics}
     return replace(
         plan,
@@ -145,7 +145,7 @@ def session_plan(given: Mapping[str, Any], full_name: Callable[[str], str]) -> R
         topics=topics,
         attachments=tuple(run_attachments(run_file)),
         simulated_time=uses_simulated_time(run),
-        lost_limit=given["lost_limit"],
+        lost_limit=parameters["lost_limit"],
         run_id=run.run_id,
         alone=frozenset(
             names.absolute(topic) for topic, parts in expected_publishers(run).items() if not parts
@@ -160,5 +160,7 @@ def topic_rules(arguments: Sequence[str]) -> list[str]:
         arguments: as in sys.argv, ``-r from:=to`` among them.
     """
     rules = [rule for flag, rule in pairwise(arguments) if flag in ("-r", "--remap")]
-    found = [rule for rule in rules if not rule.partition(":=")[0].split(":")[-1].startswith("__")]
-    return ["--ros-args", *(word for rule in found for word in ("-r", rule))] if found else []
+    renames = [
+        rule for rule in rules if not rule.partition(":=")[0].split(":")[-1].startswith("__")
+    ]
+    return ["--ros-args", *(word for rule in renames for word in ("-r", rule))] if renames else []

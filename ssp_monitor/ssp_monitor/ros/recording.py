@@ -147,8 +147,8 @@ class Recording:
         ]
         self._graph.look()
         self._losses.look(self._missing_of_own(), time.monotonic())
-        written = self.recorder.state().bytes
-        return self._disk.look(time.monotonic(), written, self.recorder.path)
+        bag_bytes = self.recorder.state().bytes
+        return self._disk.look(time.monotonic(), bag_bytes, self.recorder.path)
 
     def status(self) -> RecorderStatus:
         """Return everything but the stamp, as it was at the last poll."""
@@ -236,21 +236,26 @@ class Recording:
 
     def _current_warnings(self, state: RecorderState, topics: int) -> list[str]:
         """List the warnings that a person should see now; the bag's report keeps all of them."""
-        found = [*self._graph.topics.all_warnings(), *state.warnings]
+        warnings = [*self._graph.topics.all_warnings(), *state.warnings]
         if self._disk.outlook.warning is not None:
-            found.insert(0, self._disk.outlook.warning)
+            warnings.insert(0, self._disk.outlook.warning)
         if 2 * state.queue_bytes > state.queue_limit_bytes:
-            found.append("the disk does not keep up: more than half of the queue is in use")
+            warnings.append("the disk does not keep up: more than half of the queue is in use")
         counts = Counter(self.lost_by_topic()) + self.recorder.dropped_by_topic
-        found += losses_beside(counts, self._own)
+        warnings += losses_beside(counts, self._own)
         if self._own and self._losses.before:
-            found.append(f"{self._losses.before} messages were lost before the session was armed")
+            warnings.append(
+                f"{self._losses.before} messages were lost before the session was armed"
+            )
         if topics > MOST_LISTED:
-            found.append(f"only the first {MOST_LISTED} topics are listed")
-        for text in found:
+            warnings.append(f"only the first {MOST_LISTED} topics are listed")
+        for text in warnings:
             self._sayings.say(text)
-        shown = [*found, *(text for text in self._sayings.texts() if text not in found)]
-        return shown[:MOST_WARNINGS]
+        all_warnings = [
+            *warnings,
+            *(text for text in self._sayings.texts() if text not in warnings),
+        ]
+        return all_warnings[:MOST_WARNINGS]
 
 
 POLL_S = 0.5

@@ -136,17 +136,17 @@ class SerializedTaker:
         info_at = ctypes.addressof(info)
         unpack_length, unpack_info = _LENGTH.unpack_from, _INFO.unpack_from
         where, room, room_at = self._buffer, self._room, self._room_at
-        taken: list[Taken] = []
+        raw_messages: list[Taken] = []
         size = 0
-        while size < BATCH_BYTES and len(taken) < BATCH_MESSAGES:
+        while size < BATCH_BYTES and len(raw_messages) < BATCH_MESSAGES:
             result = take(subscription, buffer, info_at, None)
             if result != _OK:
                 if result == _NOTHING_TAKEN:
-                    return taken, False
+                    return raw_messages, False
                 self._reset_error()
                 self._refused = result
-                if taken:
-                    return taken, True
+                if raw_messages:
+                    return raw_messages, True
                 raise HostError(f"a message can't be taken: rcl answers {result}")
             address, length = unpack_length(where)
             published_ns, received_ns, sequence, publisher = unpack_info(info)
@@ -155,9 +155,9 @@ class SerializedTaker:
             if address != room_at or length > len(room):
                 room, room_at = self._look_at_buffer()
             data: bytes = room[:length]  # type: ignore[assignment]  # of char it is bytes
-            taken.append((data, published_ns, received_ns, sequence, publisher))
+            raw_messages.append((data, published_ns, received_ns, sequence, publisher))
             size += length
-        return taken, True
+        return raw_messages, True
 
 
 # Between two looks. In lockstep the world waits for the recorder when it is 20 steps behind.
@@ -331,40 +331,42 @@ class RecordingSubscriptions:
         source.quiet += 1
         more = True
         while more:
-            taken, more = self._taker.take(source.address)
-            if not taken:
+            raw_messages, more = self._taker.take(source.address)
+            if not raw_messages:
                 break
             source.quiet = 0
-            self._hand_over(source, taken)
+            self._hand_over(source, raw_messages)
         return source.quiet == 0
 
-    def _hand_over(self, source: _Source, taken: list[Taken]) -> None:
-        topic, seen = source.topic.name, source.arrivals.seen
-        for _, _, _, sequence, publisher in taken:
-            seen(publisher, sequence)
+    def _hand_over(self, source: _Source, raw_messages: list[Taken]) -> None:
+        topic, register = source.topic.name, source.arrivals.seen
+        for _, _, _, sequence, publisher in raw_messages:
+            register(publisher, sequence)
         if source.is_picture and self._is_waiting():
-            taken = _thinned(source, taken)
+            raw_messages = _thinned(source, raw_messages)
         if self._simulated_time:
             date, at = self.time.of, source.stamp_at
             messages = []
-            for data, _, _, sequence, _ in taken:
+            for data, _, _, sequence, _ in raw_messages:
                 now_ns = date(data, at)
                 messages.append(BagMessage(topic, now_ns, now_ns, data, sequence))
         else:
             # A publisher's clock may stand before 1970; the bag has no such times.
             messages = [
                 BagMessage(topic, max(received_ns, 0), max(published_ns, 0), data, sequence)
-                for data, published_ns, received_ns, sequence, _ in taken
+                for data, published_ns, received_ns, sequence, _ in raw_messages
             ]
         self._recorder.put_all(messages)
         if source.listen is not None:
-            self._tell(source, source.listen, taken)
-        if topic in SOURCES and taken:
-            source.last = taken[-1][0]
+            self._tell(source, source.listen, raw_messages)
+        if topic in SOURCES and raw_messages:
+            source.last = raw_messages[-1][0]
 
-    def _tell(self, source: _Source, listen: Callable[[bytes], None], taken: list[Taken]) -> None:
+    def _tell(
+        self, source: _Source, listen: Callable[[bytes], None], raw_messages: list[Taken]
+    ) -> None:
         """Tell a listener of messages of any sender; its failure must not end the recording."""
-        for one in taken:
+        for one in raw_messages:
             try:
                 listen(one[0])
             except Exception as error:
@@ -385,15 +387,15 @@ class RecordingSubscriptions:
                 self._arrivals[topic].claimed(sent)
 
 
-def _thinned(source: _Source, taken: list[Taken]) -> list[Taken]:
+def _thinned(source: _Source, raw_messages: list[Taken]) -> list[Taken]:
     """Return the pictures that are kept of a session that waits; the others are counted."""
-    kept = []
-    for one in taken:
+    pictures = []
+    for one in raw_messages:
         if one[2] - source.kept_ns >= WAITING_PERIOD_NS:
             source.kept_ns = one[2]
-            kept.append(one)
-    source.passed_over += len(taken) - len(kept)
-    return kept
+            pictures.append(one)
+    source.passed_over += len(raw_messages) - len(pictures)
+    return pictures
 
 
 def _lost_event(subscription: Subscription) -> rcl.EventHandle | None:

@@ -133,11 +133,11 @@ class ReplayNode(Node):
 
     def _unmatched(self, topic: str, publisher: Publisher, wait_for: int) -> int:
         """Count the subscribers of a topic that are still to be connected."""
-        found = 0
+        compatible_count = 0
         for subscriber in self.get_subscriptions_info_by_topic(topic):
             fits = qos_check_compatible(publisher.qos_profile, subscriber.qos_profile)[0]
-            found += fits != QoSCompatibility.ERROR
-        return max(found, wait_for) - int(publisher.get_subscription_count())
+            compatible_count += fits != QoSCompatibility.ERROR
+        return max(compatible_count, wait_for) - int(publisher.get_subscription_count())
 
     def _await_subscribers(self) -> None:
         """Wait until all present subscribers are connected, and as many as were asked for."""

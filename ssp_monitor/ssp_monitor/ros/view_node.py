@@ -202,9 +202,9 @@ class ObjectMarkers:
         """Return the marks of all objects as they were last heard."""
         fresh: list[ObjectState] = []
         marks: list[Marker] = []
-        for heard in board.objects.values():
-            silent_s = object_age_s(board, heard, now_ns)
-            state = heard.state
+        for latest_state in board.objects.values():
+            silent_s = object_age_s(board, latest_state, now_ns)
+            state = latest_state.state
             if silent_s > FORGOTTEN_S:
                 self._trails.pop(state.object_id, None)
             elif state.is_finite:
@@ -212,11 +212,11 @@ class ObjectMarkers:
                 if silent_s <= STALE_S:
                     fresh.append(state)
         marks += self._gaps(fresh)
-        shown = {(marker.ns, marker.id) for marker in marks}
-        for space, number in sorted(self._shown - shown):
+        marker_ids = {(marker.ns, marker.id) for marker in marks}
+        for space, number in sorted(self._shown - marker_ids):
             marks.append(Marker(ns=space, id=number, action=Marker.DELETE))
             marks[-1].header.frame_id = MAP_FRAME
-        self._shown = shown
+        self._shown = marker_ids
         return marks
 
     def _number(self, object_id: str) -> int:
@@ -246,8 +246,8 @@ class ObjectMarkers:
         for state in states:
             if state.role is not Role.OT:
                 continue
-            met = encounter(vut, state.extrapolated(vut.stamp_ns), self.vut_path)
-            times_s = {"gap": met.arrival_gap_s, "TTC": met.ttc_s}
+            meeting = encounter(vut, state.extrapolated(vut.stamp_ns), self.vut_path)
+            times_s = {"gap": meeting.arrival_gap_s, "TTC": meeting.ttc_s}
             words = [f"{word} {s:.1f} s" for word, s in times_s.items() if math.isfinite(s)]
             if not words:
                 continue

@@ -79,10 +79,10 @@ class StateOnPage:
     def parse(text: object) -> StateOnPage:
         """Read what ``str`` gives. Raise ValueError for another text or value."""
         form = r"([1-9]\d?)@(\d{1,19})@(\d{1,19})"
-        found = re.fullmatch(form, text) if isinstance(text, str) else None
-        if found is None:
+        match = re.fullmatch(form, text) if isinstance(text, str) else None
+        if match is None:
             raise ValueError("it doesn't say which state the page showed, and when")
-        return StateOnPage(*map(int, found.groups()))
+        return StateOnPage(*map(int, match.groups()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,12 +333,12 @@ class Board:
     def hear_states(self, states: Iterable[ObjectState], at_ns: int) -> None:
         """Take the newest states; one that was overtaken on its way is dropped."""
         for state in states:
-            known = self.objects.get(state.object_id)
-            if known is None and len(self.objects) >= MOST_OBJECTS:
+            latest_state = self.objects.get(state.object_id)
+            if latest_state is None and len(self.objects) >= MOST_OBJECTS:
                 continue
-            if known is not None:
-                back_ns = known.state.stamp_ns - state.stamp_ns
-                if at_ns < known.at_ns or 0 < back_ns <= _BEGUN_AGAIN_NS:
+            if latest_state is not None:
+                back_ns = latest_state.state.stamp_ns - state.stamp_ns
+                if at_ns < latest_state.at_ns or 0 < back_ns <= _BEGUN_AGAIN_NS:
                     continue
             self.objects[state.object_id] = LatestState(state, at_ns)
             watch = self.motion.get(state.object_id)
@@ -426,16 +426,16 @@ def links_of(board: Board, now_ns: int) -> dict[str, LinkFact]:
     return board.links.value if board.links.age_s(now_ns) <= LINKS_FRESH_S else {}
 
 
-def object_age_s(board: Board, heard: LatestState, now_ns: int) -> float:
+def object_age_s(board: Board, latest_state: LatestState, now_ns: int) -> float:
     """Return an object's age: the worst of what arrival, stamp and manager say of it.
 
     A state that was held up on its way arrives late and looks new by its arrival alone.
     """
-    age = age_s(now_ns, heard.at_ns)
+    age = age_s(now_ns, latest_state.at_ns)
     manager = board.manager
     if manager.stamp_ns is not None and manager.silent_s(now_ns) <= STALE_S:
-        age = max(age, (manager.stamp_ns - heard.state.stamp_ns) / 1e9)
-    link = links_of(board, now_ns).get(heard.state.object_id)
+        age = max(age, (manager.stamp_ns - latest_state.state.stamp_ns) / 1e9)
+    link = links_of(board, now_ns).get(latest_state.state.object_id)
     if link is not None and math.isfinite(link.state_age_s):
         age = max(age, link.state_age_s)
     return age

@@ -63,21 +63,23 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
         problems.append("no run is loaded")
     run, facts = board.run, _facts(board, now_ns)
     if run is None:
-        found = [*recorder_obstacles(facts)]
+        present_obstacles = [*recorder_obstacles(facts)]
     else:
         gate = Gate.START if session is SessionPhase.ARMED else Gate.ARM
-        states = {object_id: heard.state for object_id, heard in board.objects.items()}
+        states = {
+            object_id: latest_state.state for object_id, latest_state in board.objects.items()
+        }
         vut = states.pop(run.vut.id, None)
-        found = obstacles(gate, run, facts, vut, states, _session_ns(board, now_ns))
+        present_obstacles = obstacles(gate, run, facts, vut, states, _session_ns(board, now_ns))
         # What concerns the whole session first: a page shows a few of many.
-        found.sort(key=lambda obstacle: obstacle.who in run.object_ids)
-    return problems + [obstacle.text for obstacle in found]
+        present_obstacles.sort(key=lambda obstacle: obstacle.who in run.object_ids)
+    return problems + [obstacle.text for obstacle in present_obstacles]
 
 
 def _facts(board: Board, now_ns: int) -> Facts:
     """Collect the facts heard, as the manager's rules ask for them."""
     run, recorder = board.run, board.recorder.value or RecorderFact(ready=False)
-    ages_s = {who: age_s(now_ns, heard.at_ns) for who, heard in board.objects.items()}
+    ages_s = {who: age_s(now_ns, latest_state.at_ns) for who, latest_state in board.objects.items()}
     ages_s[names.MONITOR] = board.recorder.age_s(now_ns)
     ages_s[names.FRONT_CAMERA] = board.camera.age_s(now_ns)
     if run is not None:
@@ -111,8 +113,8 @@ def _facts(board: Board, now_ns: int) -> Facts:
 
 def _strangers(board: Board, recorder: RecorderFact, now_ns: int) -> tuple[str, ...]:
     """Return the strangers that the manager finds in the graph and the recorder in messages."""
-    told = board.manager.strangers
-    return known_strangers(told.value, told.age_s(now_ns), recorder.strangers)
+    graph_strangers = board.manager.strangers
+    return known_strangers(graph_strangers.value, graph_strangers.age_s(now_ns), recorder.strangers)
 
 
 def _refusals(board: Board, now_ns: int) -> dict[str, str]:
@@ -132,18 +134,21 @@ def _session_ns(board: Board, now_ns: int) -> int:
     """
     stamp_ns, heard_ns = board.manager.stamp_ns, board.manager.at_ns
     if stamp_ns is None:
-        return max((heard.state.stamp_ns for heard in board.objects.values()), default=0)
+        return max(
+            (latest_state.state.stamp_ns for latest_state in board.objects.values()), default=0
+        )
     live = board.run is not None and board.run.mode == "live"
     return stamp_ns + (now_ns - heard_ns if live and heard_ns is not None else 0)
 
 
 def not_armed(board: Board) -> list[str]:
     """Return objects of the run that don't report that they are armed."""
-    run, heard = board.run, board.objects
+    run, latest_states = board.run, board.objects
     return [
         target.id
         for target in (run.targets if run is not None else ())
-        if target.id not in heard or heard[target.id].state.control_state is not ControlState.ARMED
+        if target.id not in latest_states
+        or latest_states[target.id].state.control_state is not ControlState.ARMED
     ]
 
 
@@ -271,14 +276,14 @@ def _clock(board: Board, clock: ClockWatch, now_ns: int) -> Status:
 
 def _object(board: Board, object_id: str, now_ns: int) -> Status:
     name = f"ssp: object {object_id}"
-    heard = board.objects.get(object_id)
-    if heard is None:
+    latest_state = board.objects.get(object_id)
+    if latest_state is None:
         return Status(name, object_id, Level.STALE, "was never heard")
     limits = board.run.limits if board.run is not None else None
     link = links_of(board, now_ns).get(object_id, LinkFact())
-    old_s = object_age_s(board, heard, now_ns)
-    level, message = _judged(heard, link, limits, old_s)
-    state = heard.state
+    old_s = object_age_s(board, latest_state, now_ns)
+    level, message = _judgement(latest_state, link, limits, old_s)
+    state = latest_state.state
     values = (
         ("control state", "" if state.role is Role.TRAFFIC else state.control_state.name),
         ("state age, s", _number(old_s)),
@@ -308,12 +313,12 @@ def _stricter(board: Board, object_id: str) -> tuple[str, ...]:
 
 def _off_reference(state: ObjectState, limits: Limits) -> str:
     """Say which tracking error is over its limit or no number; empty: none is."""
-    judged = (
+    tracking_errors = (
         ("ahead", "m", judge.error_longitudinal(state.error_longitudinal_m, limits)),
         ("to the left", "m", judge.error_lateral(state.error_lateral_m, limits)),
         ("of the heading", "rad", judge.error_yaw(state.error_yaw_rad, limits)),
     )
-    for where, unit, passed in judged:
+    for where, unit, passed in tracking_errors:
         if passed is None:
             continue
         if not math.isfinite(passed.measured):
@@ -322,11 +327,11 @@ def _off_reference(state: ObjectState, limits: Limits) -> str:
     return ""
 
 
-def _judged(
-    heard: LatestState, link: LinkFact, limits: Limits | None, old_s: float
+def _judgement(
+    latest_state: LatestState, link: LinkFact, limits: Limits | None, old_s: float
 ) -> tuple[Level, str]:
     """Return the worst that is known of an object; what makes the rest meaningless goes first."""
-    state = heard.state
+    state = latest_state.state
     if old_s > STALE_S:
         return Level.STALE, f"silent for {old_s:.1f} s"
     if not state.is_finite:

@@ -64,12 +64,12 @@ def phase_of(message: Any) -> tuple[Phase, Event]:
 def safety_event(message: Any) -> Event:
     """Read a SafetyEvent; an operator's act, or an event in words alone, has no measure."""
     in_words = message.code == SafetyCode.OPERATOR or bool(message.words)
-    seen = f"seen by {message.source}, {message.reaction.replace('_', ' ')}"
+    source_text = f"seen by {message.source}, {message.reaction.replace('_', ' ')}"
     return Event(
         "safety",
         stamp_ns(message.header.stamp),
         _short(message.limit_name.replace("_", " ")),
-        _short(f"{message.words}; {seen}" if message.words else seen),
+        _short(f"{message.words}; {source_text}" if message.words else source_text),
         _short(message.object_id),
         math.nan if in_words else message.measured,
         math.nan if in_words else message.limit,

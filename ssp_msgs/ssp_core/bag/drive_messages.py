@@ -112,13 +112,13 @@ def _response(driven: Driven, answered: EffectiveAnswer) -> bytes:
     return serialize(message)
 
 
-def _latency(question: Question, given: GivenAnswer) -> bytes:
+def _latency(question: Question, answer: GivenAnswer) -> bytes:
     """Return L and its parts, s; the status' message says why the driver ended, if it did."""
     types = typestore().types
     value, status = (
         types[f"diagnostic_msgs/msg/{name}"] for name in ("KeyValue", "DiagnosticStatus")
     )
-    latency = given.latency
+    latency = answer.latency
     parts = {
         "latency_s": latency.total_ns,
         "encoding_s": latency.encoding_ns,
@@ -126,9 +126,9 @@ def _latency(question: Question, given: GivenAnswer) -> bytes:
         "parsing_s": latency.parsing_ns,
     }
     one = status(
-        level=2 if given.ended else 0,
+        level=2 if answer.ended else 0,
         name=f"request {question.number}",
-        message=given.ended,
+        message=answer.ended,
         hardware_id="",
         values=[value(key=key, value=f"{ns / NS_PER_S:.9f}") for key, ns in parts.items()],
     )

@@ -320,9 +320,9 @@ def unlisted_files(folder: Path, suffix: str = ".mcap") -> list[str]:
         InputError: metadata.yaml can't be read.
     """
     information = read_mapping(folder / FILE_NAME).get(ROOT_KEY)
-    named = information.get("relative_file_paths") if isinstance(information, dict) else None
-    known = {PurePosixPath(str(name)).name for name in named or ()}
-    return sorted(file.name for file in folder.glob(f"*{suffix}") if file.name not in known)
+    paths = information.get("relative_file_paths") if isinstance(information, dict) else None
+    file_names = {PurePosixPath(str(name)).name for name in paths or ()}
+    return sorted(file.name for file in folder.glob(f"*{suffix}") if file.name not in file_names)
 
 
 def _check_file(file: Path, path: Path) -> None:

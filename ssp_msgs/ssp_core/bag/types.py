@@ -144,15 +144,17 @@ def _inner(kind: Any, rest: Any) -> Any:
     return rest[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, rest)
 
 
-def _named(fields: Iterable[tuple[str, Any]]) -> list[str]:
+def _field_types(fields: Iterable[tuple[str, Any]]) -> list[str]:
     """Return the message types that a type's fields name."""
-    held = (_inner(*described) for _, described in fields)
-    return [str(inner[1]) for inner in held if inner[0] == Nodetype.NAME]
+    inner_types = (_inner(*described) for _, described in fields)
+    return [str(inner[1]) for inner in inner_types if inner[0] == Nodetype.NAME]
 
 
 def _check_depth(types: Mapping[str, Any]) -> None:
     """Raise ValueError where a type contains itself, or types nest deeper than MAX_DEPTH."""
-    below = {name: [n for n in _named(fields) if n in types] for name, (_, fields) in types.items()}
+    below = {
+        name: [n for n in _field_types(fields) if n in types] for name, (_, fields) in types.items()
+    }
     depths: dict[str, int] = {}
     try:
         for name in TopologicalSorter(below).static_order():
@@ -246,7 +248,7 @@ def growth_of(types: Mapping[str, Any], msgtype: str) -> float:
     @cache
     def growth(name: str) -> float:
         fields = types[name][1]
-        worst = max([1.0, *map(growth, _named(fields))])
+        worst = max([1.0, *map(growth, _field_types(fields))])
         for _, (kind, rest) in fields:
             inner = _inner(kind, rest)
             if kind != Nodetype.SEQUENCE or not _is_boxed(inner):
@@ -269,31 +271,31 @@ def installed_file(msgtype: str) -> Path | None:
     Args:
         msgtype: from anywhere; it is no path, whatever it says.
     """
-    found = _MSGTYPE.fullmatch(msgtype)
-    if found is None:
+    match = _MSGTYPE.fullmatch(msgtype)
+    if match is None:
         return None
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
-        path = Path(prefix, "share", found[1], "msg", f"{found[2]}.msg")
+        path = Path(prefix, "share", match[1], "msg", f"{match[2]}.msg")
         if prefix and path.is_file():
             return path
     return None
 
 
-def installed_types(msgtype: str, known: Container[str]) -> Typesdict:
+def installed_types(msgtype: str, known_types: Container[str]) -> Typesdict:
     """Return a type and all that it uses, read from their .msg files.
 
     Raises:
         InputError: the file of one isn't there, or is no definition.
     """
-    found: Typesdict = {}
+    types: Typesdict = {}
     left = [msgtype]
     while left:
         name = left.pop()
-        if name in found or name in known:
+        if name in types or name in known_types:
             continue
-        found[name] = _read(name)
-        left += _named(found[name][1])
-    return found
+        types[name] = _read(name)
+        left += _field_types(types[name][1])
+    return types
 
 
 def _read(msgtype: str) -> tuple[Constdefs, Fielddefs]:
@@ -455,7 +457,7 @@ def serialize(message: object) -> bytes:
     return bytes(typestore().serialize_cdr(message, msgtype, little_endian=True))
 
 
-def store_from(written: TypeDefinition) -> Typestore:
+def store_from(type_definition: TypeDefinition) -> Typestore:
     """Return a store that knows exactly the types of one definition, as it stands in a bag.
 
     A definition takes time in proportion to its length, so it is parsed once for all callers, even
@@ -465,52 +467,52 @@ def store_from(written: TypeDefinition) -> Typestore:
         InputError: the definition can't be parsed, asks for too much, or lacks the type that it is
             for.
     """
-    found = _parsed(written)
-    if isinstance(found, InputError):
-        raise found.in_file(None)
-    return found
+    store = _parsed(type_definition)
+    if isinstance(store, InputError):
+        raise store.in_file(None)
+    return store
 
 
 @lru_cache(maxsize=_KEPT_STORES)
-def _parsed(written: TypeDefinition) -> Typestore | InputError:
+def _parsed(type_definition: TypeDefinition) -> Typestore | InputError:
     store = BoundedStore()
-    if written.message_encoding != CDR:
+    if type_definition.message_encoding != CDR:
         return InputError(
             "has messages in an encoding that isn't decoded",
-            field=written.msgtype or None,
-            value=written.message_encoding,
+            field=type_definition.msgtype or None,
+            value=type_definition.message_encoding,
             remedy=f"{CDR} is decoded",
         )
-    if not written.text.strip() and written.msgtype in typestore().fielddefs:
+    if not type_definition.text.strip() and type_definition.msgtype in typestore().fielddefs:
         # rosbag2 leaves out a definition that it doesn't find: what ROS itself defines is known.
-        written = definition(written.msgtype)
-    text = written.text.replace("\r\n", "\n")
+        type_definition = definition(type_definition.msgtype)
+    text = type_definition.text.replace("\r\n", "\n")
     try:
-        check_text(text, idl=written.encoding == IDL_ENCODING)
-        if written.encoding == MSG_ENCODING:
-            types = get_types_from_msg(text, written.msgtype)
-        elif written.encoding == IDL_ENCODING:
+        check_text(text, idl=type_definition.encoding == IDL_ENCODING)
+        if type_definition.encoding == MSG_ENCODING:
+            types = get_types_from_msg(text, type_definition.msgtype)
+        elif type_definition.encoding == IDL_ENCODING:
             types = _types_from_idl(text)
         else:
             return InputError(
                 "has a definition in an unknown encoding",
-                field=written.msgtype,
-                value=written.encoding,
+                field=type_definition.msgtype,
+                value=type_definition.encoding,
                 remedy=f"{MSG_ENCODING} and {IDL_ENCODING} are understood",
             )
         check_types(types)
         store.register(types)
-        store.get_msgdef(written.msgtype)
+        store.get_msgdef(type_definition.msgtype)
     except _UNUSABLE as error:
         # rosbags' messages repeat the whole definition.
         why = str(error)
-        for whole in (f"MSG: {written.msgtype}\n{text}", text):
+        for whole in (f"MSG: {type_definition.msgtype}\n{text}", text):
             why = why.replace(repr(whole), "")
         why = " ".join(why.split()) or type(error).__name__
         problem = f"has a definition that can't be used: {why[:_SHOWN]}"
         return InputError(
             problem,
-            field=written.msgtype,
+            field=type_definition.msgtype,
             remedy="record the bag again, with the definitions of its types",
         )
     return store
@@ -522,10 +524,10 @@ _DIRECTIVE = re.compile(r"^[ \t]*#[^\n]*$", re.MULTILINE)
 
 def _types_from_idl(text: str) -> Typesdict:
     """Parse a definition of one file, or of several behind ``IDL: package/msg/Name`` lines."""
-    found: Typesdict = {}
+    types: Typesdict = {}
     for section in text.split(_SEPARATOR):
         body = section.partition("\n")[2] if section.startswith("IDL: ") else section
         body = _DIRECTIVE.sub("", body)
         if body.strip():
-            found.update(get_types_from_idl(body))
-    return found
+            types.update(get_types_from_idl(body))
+    return types

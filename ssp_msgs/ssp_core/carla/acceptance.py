@@ -129,29 +129,29 @@ def refusals(facts: ServerFacts, wanted_map_sha256: str | None) -> list[Refusal]
     version = version_refusal(facts.version, facts.client_version)
     if version is not None:
         return [version]
-    found = []
+    reasons = []
     if facts.synchronous:
-        found.append(_synchronous(facts.ticking))
+        reasons.append(_synchronous(facts.ticking))
     foreign = foreign_actors(facts.actors)
     if foreign:
         counted = Counter(foreign)
-        shown = ", ".join(f"{count} × {name}" for name, count in sorted(counted.items())[:5])
+        counts_text = ", ".join(f"{count} × {name}" for name, count in sorted(counted.items())[:5])
         more = f" and {len(counted) - 5} more kinds" if len(counted) > 5 else ""
-        found.append(
+        reasons.append(
             Refusal(
-                f"{len(foreign)} actors of somebody else are in the world: {shown}{more}",
+                f"{len(foreign)} actors of somebody else are in the world: {counts_text}{more}",
                 "end the program that put them there, or load the world anew",
             )
         )
     if wanted_map_sha256 is not None and wanted_map_sha256 != facts.map_sha256:
-        found.append(
+        reasons.append(
             Refusal(
                 f"the server's map {facts.map_name} has OpenDRIVE {facts.map_sha256}, "
                 f"the run's has {wanted_map_sha256}",
                 "load the map that the run was compiled for, or compile it for this one",
             )
         )
-    return found
+    return reasons
 
 
 def _synchronous(ticking: bool) -> Refusal:

@@ -161,8 +161,8 @@ class CarlaServer:
             # Without a tick the client knows no actors.
             if not settings.synchronous_mode:
                 self._world.wait_for_tick(self._timeout_s)
-            found = [one for one in self._world.get_actors() if int(one.id) in left.actors]
-            theirs = [int(one.id) for one in found if foreign_actors([str(one.type_id)])]
+            left_actors = [one for one in self._world.get_actors() if int(one.id) in left.actors]
+            theirs = [int(one.id) for one in left_actors if foreign_actors([str(one.type_id)])]
             destroy = [self._carla.command.DestroyActor(actor) for actor in theirs]
             if destroy:
                 self._client.apply_batch_sync(destroy, False)
@@ -231,15 +231,15 @@ class CarlaServer:
         """List all vehicles and pedestrians that it offers, by id."""
         with self._asking("asked for its blueprints"):
             library = list(self._world.get_blueprint_library())
-        found = []
+        body_blueprints = []
         for one in library:
             if not one.id.startswith((VEHICLE_PREFIX, PEDESTRIAN_PREFIX)):
                 continue
             has_base, has_wheels = map(one.has_attribute, ("base_type", "number_of_wheels"))
             base = one.get_attribute("base_type").as_str() if has_base else ""
             wheels = one.get_attribute("number_of_wheels").as_int() if has_wheels else 0
-            found.append(Blueprint(str(one.id), base, wheels))
-        return sorted(found, key=lambda one: one.id)
+            body_blueprints.append(Blueprint(str(one.id), base, wheels))
+        return sorted(body_blueprints, key=lambda one: one.id)
 
     def is_counterpart(self) -> bool:
         """Tell whether the server says that it stands in for CARLA in tests."""
@@ -254,8 +254,8 @@ class CarlaServer:
         every, locate = self._carla.LaneType.Any, self._carla.Location
 
         def height(x_m: float, y_m: float) -> float:
-            found = chart.get_waypoint(locate(x_m, -y_m, 0.0), True, every)
-            return 0.0 if found is None else float(found.transform.location.z)
+            waypoint = chart.get_waypoint(locate(x_m, -y_m, 0.0), True, every)
+            return 0.0 if waypoint is None else float(waypoint.transform.location.z)
 
         return height
 
@@ -279,18 +279,18 @@ class CarlaServer:
                 self._settings = self._world.get_settings()
                 self._weather = self._world.get_weather()
                 self._keep_left()
-            wanted = self._world.get_settings()
-            wanted.synchronous_mode = True
-            wanted.no_rendering_mode = False
-            wanted.fixed_delta_seconds = step_s
+            settings = self._world.get_settings()
+            settings.synchronous_mode = True
+            settings.no_rendering_mode = False
+            settings.fixed_delta_seconds = step_s
             substeps = math.ceil(round(step_s / _SUBSTEP_S, 6))
-            wanted.substepping = substeps <= _MOST_SUBSTEPS
-            wanted.max_substep_delta_time = _SUBSTEP_S
-            wanted.max_substeps = min(max(substeps, 1), _MOST_SUBSTEPS)
-            wanted.deterministic_ragdolls = True
-            self._world.apply_settings(wanted, self._timeout_s)
-            taken = self._world.get_settings()
-        if not taken.synchronous_mode or taken.fixed_delta_seconds != step_s:
+            settings.substepping = substeps <= _MOST_SUBSTEPS
+            settings.max_substep_delta_time = _SUBSTEP_S
+            settings.max_substeps = min(max(substeps, 1), _MOST_SUBSTEPS)
+            settings.deterministic_ragdolls = True
+            self._world.apply_settings(settings, self._timeout_s)
+            actual_settings = self._world.get_settings()
+        if not actual_settings.synchronous_mode or actual_settings.fixed_delta_seconds != step_s:
             raise PeerError(
                 f"CARLA server {self.address} didn't become synchronous with a step of {step_s:g} s"
             )
@@ -307,17 +307,17 @@ class CarlaServer:
             PeerError: it stays another one.
         """
         with self._asking("given a weather"):
-            wanted = self._world.get_weather()
+            weather = self._world.get_weather()
             for name, value in fields.items():
-                setattr(wanted, name, value)
-            self._world.set_weather(wanted)
-        found: dict[str, float] = {}
+                setattr(weather, name, value)
+            self._world.set_weather(weather)
+        actual_weather: dict[str, float] = {}
         for _ in range(_SETTLE_TICKS):
             self.tick()
-            found = self.weather()
-            if all(abs(found[name] - value) < 1e-3 for name, value in fields.items()):
-                return found
-        other = sorted(n for n, value in fields.items() if abs(found[n] - value) >= 1e-3)
+            actual_weather = self.weather()
+            if all(abs(actual_weather[name] - value) < 1e-3 for name, value in fields.items()):
+                return actual_weather
+        other = sorted(n for n, value in fields.items() if abs(actual_weather[n] - value) >= 1e-3)
         raise PeerError(f"CARLA server {self.address} doesn't take the weather: {', '.join(other)}")
 
     def turn_lights_green(self) -> None:
@@ -346,18 +346,18 @@ class CarlaServer:
 
     # -- actors -----------------------------------------------------------------------------------
 
-    def spawn(self, wanted: Sequence[tuple[str, str]]) -> list[int | str]:
+    def spawn(self, bodies: Sequence[tuple[str, str]]) -> list[int | str]:
         """Spawn actors high above the ground, without physics, and run one frame.
 
         Args:
-            wanted: role name and blueprint of each.
+            bodies: role name and blueprint of each.
 
         Returns:
             The id of each, or the server's reason why there is none.
         """
         command, library = self._carla.command, self._blueprint_library()
         batch = []
-        for index, (role, name) in enumerate(wanted):
+        for index, (role, name) in enumerate(bodies):
             blueprint = library.find(name)
             if blueprint.has_attribute("role_name"):
                 blueprint.set_attribute("role_name", role)
@@ -367,29 +367,29 @@ class CarlaServer:
             if not name.startswith(PEDESTRIAN_PREFIX):
                 spawn = spawn.then(command.SetSimulatePhysics(command.FutureActor, False))
             batch.append(spawn)
-        found: list[int | str] = []
+        outcomes: list[int | str] = []
         answers = self._batch("told to spawn", batch)
-        for (role, _), answer in zip(wanted, answers, strict=True):
+        for (role, _), answer in zip(bodies, answers, strict=True):
             if not answer.error:
                 self._spawned.append(int(answer.actor_id))
                 self._roles[int(answer.actor_id)] = role
-            found.append(str(answer.error) if answer.error else int(answer.actor_id))
+            outcomes.append(str(answer.error) if answer.error else int(answer.actor_id))
         self._keep_left()
         self.tick()
-        return found
+        return outcomes
 
     def boxes(self, actors: Sequence[int]) -> list[BodyBox]:
         """Measure the boxes of actors that have had a frame."""
-        found = []
+        body_boxes = []
         for actor in actors:
             with self._asking(f"asked for the box of {self._named(actor)}"):
-                known = self._world.get_actor(actor)
-                box = None if known is None else known.bounding_box
+                carla_actor = self._world.get_actor(actor)
+                box = None if carla_actor is None else carla_actor.bounding_box
             if box is None:
                 raise self._gone(actor)
             half, at = box.extent, box.location
-            found.append(BodyBox(2 * half.x, 2 * half.y, 2 * half.z, at.x, at.y, at.z))
-        return found
+            body_boxes.append(BodyBox(2 * half.x, 2 * half.y, 2 * half.z, at.x, at.y, at.z))
+        return body_boxes
 
     def measure(self, names: Sequence[str]) -> dict[str, BodyBox]:
         """Measure the boxes of blueprints; one that isn't spawned has none."""
@@ -420,9 +420,9 @@ class CarlaServer:
             PeerError: one of them isn't where it was put in that frame, or is gone.
         """
         moved: list[Placement | PedalOrder] = [*placements, *pedals]
-        told = [(one.actor, c) for one in moved for c in one.commands(self._carla)]
-        answers = self._batch("told to move its actors", [command for _, command in told])
-        self._check([actor for actor, _ in told], answers)
+        commands = [(one.actor, c) for one in moved for c in one.commands(self._carla)]
+        answers = self._batch("told to move its actors", [command for _, command in commands])
+        self._check([actor for actor, _ in commands], answers)
         frame = self.tick()
         self._check_places(frame, placements)
         return frame
@@ -434,11 +434,11 @@ class CarlaServer:
     def motion_of(self, actor: int) -> CarlaMotion:
         """Return the motion of an actor in the newest frame."""
         with self._asking("asked for its frame"):
-            found = self._world.get_snapshot().find(actor)
-        if found is None:
+            actor_snapshot = self._world.get_snapshot().find(actor)
+        if actor_snapshot is None:
             raise self._gone(actor)
-        v = found.get_velocity()
-        return CarlaMotion(pose_of_transform(found.get_transform()), (v.x, v.y, v.z))
+        v = actor_snapshot.get_velocity()
+        return CarlaMotion(pose_of_transform(actor_snapshot.get_transform()), (v.x, v.y, v.z))
 
     def _check_places(self, frame: int, placements: Sequence[Placement]) -> None:
         with self._asking("asked for its frame"):
@@ -449,10 +449,10 @@ class CarlaServer:
                 "another client ticks it"
             )
         for one in placements:
-            found = snapshot.find(one.actor)
-            if found is None:
+            actor_snapshot = snapshot.find(one.actor)
+            if actor_snapshot is None:
                 raise self._gone(one.actor)
-            pose = pose_of_transform(found.get_transform())
+            pose = pose_of_transform(actor_snapshot.get_transform())
             off = max(abs(pose.x_m - one.pose.x_m), abs(pose.y_m - one.pose.y_m))
             turn = abs((pose.yaw_deg - one.pose.yaw_deg + 180.0) % 360.0 - 180.0)
             if off > _PLACE_M or turn > _YAW_DEG:
@@ -528,13 +528,13 @@ class CarlaServer:
         Raises:
             PeerError: it doesn't come.
         """
-        found = camera.take(frame, self._timeout_s)
-        if found is None:
+        image = camera.take(frame, self._timeout_s)
+        if image is None:
             raise PeerError(
                 f"CARLA server {self.address}: the picture of frame {frame} didn't come within "
                 f"{self._timeout_s:g} s (newest: {camera.newest})"
             )
-        return found
+        return image
 
     def _keep_left(self) -> None:
         if self._settings is not None:
@@ -580,13 +580,13 @@ class CarlaServer:
         return []
 
 
-def _fields(found: Any) -> dict[str, Any]:
+def _fields(structure: Any) -> dict[str, Any]:
     """Return the values of one of CARLA's structures, by name."""
-    return {name: getattr(found, name) for name in dir(found) if not name.startswith("_")}
+    return {name: getattr(structure, name) for name in dir(structure) if not name.startswith("_")}
 
 
-def _numbers(found: Any) -> dict[str, float]:
-    return {name: round(v, 6) for name, v in _fields(found).items() if isinstance(v, float)}
+def _numbers(structure: Any) -> dict[str, float]:
+    return {name: round(v, 6) for name, v in _fields(structure).items() if isinstance(v, float)}
 
 
 def _set_fields(into: Any, values: Mapping[str, Any]) -> None:

@@ -55,13 +55,13 @@ class LeftFile:
         lights: Lights | None = None,
     ) -> None:
         """Keep what is to be given back, in place of what was kept before."""
-        told = {
+        leftovers = {
             "settings": dict(settings),
             "weather": dict(weather),
             "actors": sorted(actors),
             "lights": None if lights is None else lights.values,
         }
-        data = json.dumps(told).encode() + b"\n"
+        data = json.dumps(leftovers).encode() + b"\n"
         with suppress(OSError):
             if self._handle is None:
                 self._file.parent.mkdir(parents=True, exist_ok=True)
@@ -90,10 +90,10 @@ def read_left(address: CarlaAddress) -> Leftovers | None:
         return None
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        told = json.loads(os.read(handle, 1 << 20))
-        lights = None if told["lights"] is None else Lights.of_values(told["lights"])
-        actors = frozenset(map(int, told["actors"]))
-        return Leftovers(told["settings"], told["weather"], actors, lights)
+        leftovers = json.loads(os.read(handle, 1 << 20))
+        lights = None if leftovers["lights"] is None else Lights.of_values(leftovers["lights"])
+        actors = frozenset(map(int, leftovers["actors"]))
+        return Leftovers(leftovers["settings"], leftovers["weather"], actors, lights)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
     finally:

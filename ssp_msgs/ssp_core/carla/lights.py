@@ -24,9 +24,9 @@ class Lights:
     @classmethod
     def of_world(cls, world: Any) -> Lights:
         """Read the lights of a carla.World."""
-        found = list(world.get_actors().filter(_TYPE))
-        states = {int(one.id): int(one.get_state()) for one in found}
-        return cls(states, all(one.is_frozen() for one in found))
+        lights = list(world.get_actors().filter(_TYPE))
+        states = {int(one.id): int(one.get_state()) for one in lights}
+        return cls(states, all(one.is_frozen() for one in lights))
 
     @classmethod
     def of_values(cls, values: Mapping[str, Any]) -> Lights:

@@ -51,8 +51,8 @@ class PedalOrder:
 
     def commands(self, carla: Any) -> Iterator[Any]:
         """Yield the order as CARLA's commands, by its client's module."""
-        told = carla.VehicleControl(throttle=self.throttle, brake=self.brake, steer=self.steer)
-        yield carla.command.ApplyVehicleControl(self.actor, told)
+        control = carla.VehicleControl(throttle=self.throttle, brake=self.brake, steer=self.steer)
+        yield carla.command.ApplyVehicleControl(self.actor, control)
 
 
 @dataclass(frozen=True, slots=True)

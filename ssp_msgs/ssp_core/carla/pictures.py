@@ -57,12 +57,12 @@ class CarlaCamera:
         until = time.monotonic() + wait_s
         while True:
             try:
-                found = self._come.get(timeout=max(0.0, until - time.monotonic()))
+                picture = self._come.get(timeout=max(0.0, until - time.monotonic()))
             except queue.Empty:
                 return None
-            self.newest = max(self.newest, found.frame)
-            if found.frame == frame:
-                return found
+            self.newest = max(self.newest, picture.frame)
+            if picture.frame == frame:
+                return picture
 
 
 def pose_of_transform(transform: Any) -> CarlaPose:

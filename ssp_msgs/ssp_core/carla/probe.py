@@ -76,29 +76,29 @@ def probe(
     Raises:
         PeerError: it stops answering, or can't do what a run can't do without.
     """
-    found = _Findings()
+    findings = _Findings()
     before = server.settings()
     server.take_over(STEP_S)
     say("measuring bodies")
     blueprints = server.blueprints()
     place = server.start_place()
-    found.bodies = _bodies(server, blueprints, place)
-    _tell_bodies(found)
-    boxes = {one.blueprint: one.box for one in found.bodies if one.box is not None}
+    findings.bodies = _bodies(server, blueprints, place)
+    _tell_bodies(findings)
+    boxes = {one.blueprint: one.box for one in findings.bodies if one.box is not None}
     car = choose_body(ObjectClass.CAR, DEFAULT_SIZES[ObjectClass.CAR], blueprints, boxes)
     (actor,) = server.spawn([("ssp_probe", car.blueprint)])
     if isinstance(actor, str):
         raise PeerError(f"CARLA server {address} doesn't spawn {car.blueprint}: {actor}")
     say("placing a body")
-    found.rows.append(_teleport(server, actor, place))
+    findings.rows.append(_teleport(server, actor, place))
     say("taking pictures")
     behind = _behind(place)
     camera = server.start_camera(camera_attributes(_CAMERA), behind)
-    found.camera = camera.attributes
-    _pictures(server, actor, camera, place, behind, found.rows)
-    found.rows.append(_repeat(server, actor, camera, place))
+    findings.camera = camera.attributes
+    _pictures(server, actor, camera, place, behind, findings.rows)
+    findings.rows.append(_repeat(server, actor, camera, place))
     say("comparing a box with its picture")
-    found.rows.append(_box_in_picture(server, actor, car.box, place, behind))
+    findings.rows.append(_box_in_picture(server, actor, car.box, place, behind))
     return CarlaProbeReport(
         host=address.host,
         port=address.port,
@@ -108,9 +108,9 @@ def probe(
         map_name=facts.map_name,
         map_sha256=facts.map_sha256,
         settings=before,
-        camera=found.camera,
-        bodies=tuple(found.bodies),
-        rows=tuple(found.rows),
+        camera=findings.camera,
+        bodies=tuple(findings.bodies),
+        rows=tuple(findings.rows),
     )
 
 
@@ -118,19 +118,19 @@ def _bodies(
     server: CarlaServer, blueprints: list[Blueprint], place: CarlaPose
 ) -> list[MeasuredBody]:
     boxes = server.measure([one.id for one in blueprints])
-    found = []
+    bodies = []
     for one in blueprints:
         box = boxes.get(one.id)
-        told = MeasuredBody(blueprint=one.id, base_type=one.base_type, wheels=one.wheels)
+        body = MeasuredBody(blueprint=one.id, base_type=one.base_type, wheels=one.wheels)
         if box is None:
-            told = told.model_copy(update={"problem": "the server doesn't spawn it"})
+            body = body.model_copy(update={"problem": "the server doesn't spawn it"})
         else:
             numbers = {name: getattr(box, name) for name in BodyBox.__slots__}
-            told = told.model_copy(update={**numbers, "problem": box_problem(box)})
-        if not told.problem and not one.id.startswith(PEDESTRIAN_PREFIX):
-            told = told.model_copy(update={"rests_at_m": _rest_m(server, one.id, place)})
-        found.append(told)
-    return found
+            body = body.model_copy(update={**numbers, "problem": box_problem(box)})
+        if not body.problem and not one.id.startswith(PEDESTRIAN_PREFIX):
+            body = body.model_copy(update={"rests_at_m": _rest_m(server, one.id, place)})
+        bodies.append(body)
+    return bodies
 
 
 def _rest_m(server: CarlaServer, blueprint: str, place: CarlaPose) -> float | None:
@@ -147,17 +147,17 @@ def _rest_m(server: CarlaServer, blueprint: str, place: CarlaPose) -> float | No
     return rest_m
 
 
-def _tell_bodies(found: _Findings) -> None:
+def _tell_bodies(findings: _Findings) -> None:
     for object_class in DEFAULT_SIZES:
         word = object_class.name.lower()
         of_class = [
             one
-            for one in found.bodies
+            for one in findings.bodies
             if is_candidate(Blueprint(one.blueprint, one.base_type, one.wheels), object_class)
         ]
         usable = [one for one in of_class if not one.problem]
         left_out = [f"{one.blueprint}: {one.problem}" for one in of_class if one.problem]
-        found.rows.append(
+        findings.rows.append(
             Row(
                 check=f"bodies.{word}",
                 outcome=Outcome.PASS if usable else Outcome.FAIL,
@@ -166,9 +166,9 @@ def _tell_bodies(found: _Findings) -> None:
                 text="; ".join(left_out) or f"of {len(of_class)} blueprints",
             )
         )
-    heights = [one.rests_at_m for one in found.bodies if one.rests_at_m is not None]
+    heights = [one.rests_at_m for one in findings.bodies if one.rests_at_m is not None]
     if heights:
-        found.rows.append(
+        findings.rows.append(
             Row(
                 check="resting_height",
                 outcome=Outcome.INFO,
@@ -194,11 +194,14 @@ def _teleport(server: CarlaServer, actor: int, place: CarlaPose) -> Row:
     for index, (ahead, right) in enumerate(_GRID):
         pose = _beside(place, ahead, right, 24.0 * index)
         server.step([Placement(actor, pose)])
-        found = server.pose_of(actor)
+        actual_pose = server.pose_of(actor)
         worst_m = max(
-            worst_m, math.dist((found.x_m, found.y_m, found.z_m), (pose.x_m, pose.y_m, pose.z_m))
+            worst_m,
+            math.dist(
+                (actual_pose.x_m, actual_pose.y_m, actual_pose.z_m), (pose.x_m, pose.y_m, pose.z_m)
+            ),
         )
-        worst_deg = max(worst_deg, abs(math.remainder(found.yaw_deg - pose.yaw_deg, 360.0)))
+        worst_deg = max(worst_deg, abs(math.remainder(actual_pose.yaw_deg - pose.yaw_deg, 360.0)))
     fine = worst_m <= _TELEPORT_M and worst_deg <= _TURN_DEG
     text = f"{len(_GRID)} places, each in the frame after; at most {worst_deg:.4f} degrees off"
     return Row(
@@ -256,14 +259,14 @@ def _repeat(server: CarlaServer, actor: int, camera: CarlaCamera, place: CarlaPo
     """Take the same pictures twice; their mean difference says how far a run is repeatable."""
     passes: list[list[NDArray[np.uint8]]] = []
     for _ in range(2):
-        taken = []
+        pictures = []
         for index in range(_REPEATED):
             moved = [
                 Placement(actor, _beside(place, 0.5 * index, 0.0)),
                 Placement(camera.actor, _behind(place)),
             ]
-            taken.append(server.picture(camera, server.step(moved)).pixels)
-        passes.append(taken)
+            pictures.append(server.picture(camera, server.step(moved)).pixels)
+        passes.append(pictures)
     differences = [
         float(np.abs(a.astype(np.int16) - b.astype(np.int16)).mean())
         for a, b in zip(*passes, strict=True)
@@ -304,11 +307,11 @@ def _box_in_picture(
     """Hold the pixels that a body changes in a picture of instances against its projected box."""
     camera = server.start_camera(instance_attributes(_CAMERA), behind, INSTANCES_BLUEPRINT)
     pose = _beside(place, 0.0, 0.0, 15.0)
-    taken = [
+    pictures = [
         server.picture(camera, server.step([Placement(actor, at)])).pixels.astype(np.int16)
         for at in (pose, _beside(place, _AWAY_M, 0.0))
     ]
-    changed = np.abs(taken[0] - taken[1]).max(axis=2) > 0
+    changed = np.abs(pictures[0] - pictures[1]).max(axis=2) > 0
     if not changed.any():
         return Row(
             check="box_in_picture",
@@ -316,9 +319,9 @@ def _box_in_picture(
             text="the body isn't in the picture where it was put",
         )
     rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
-    seen = (columns[0] - 0.5, rows[0] - 0.5, columns[-1] + 0.5, rows[-1] + 0.5)
-    wanted = projected_rectangle(behind, _CAMERA, pose, box)
-    apart = [abs(a - b) for a, b in zip(seen, wanted, strict=True)]
+    visible_rectangle_px = (columns[0] - 0.5, rows[0] - 0.5, columns[-1] + 0.5, rows[-1] + 0.5)
+    expected_rectangle_px = projected_rectangle(behind, _CAMERA, pose, box)
+    apart = [abs(a - b) for a, b in zip(visible_rectangle_px, expected_rectangle_px, strict=True)]
     text = "left {:.1f}, top {:.1f}, right {:.1f}, bottom {:.1f}; a body is rounder than its box"
     return Row(
         check="box_in_picture",

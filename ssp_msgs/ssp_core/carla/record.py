@@ -54,21 +54,24 @@ class BodyRecord(Strict):
     @property
     def text(self) -> str:
         """Describe the body and by how much the run's size differs in pictures, for people."""
-        size, told = self.size, self.box_text
+        size, box_text = self.size, self.box_text
         own = (size["front_m"] + size["rear_m"], size["width_m"], size["height_m"])
         sides = _sides(self.measured)
         apart = [theirs - ours for theirs, ours in zip(sides, own, strict=True)]
         if max(map(abs, apart)) < _TOLD_M:
-            return f"{told}; as the run has it"
-        return f"{told}; the run has {_product(own)} m, so that in the pictures it is " + ", ".join(
-            f"{abs(by):.2f} m {more if by > 0 else less}"
-            for by, more, less in zip(
-                apart,
-                ("longer", "wider", "higher"),
-                ("shorter", "narrower", "lower"),
-                strict=True,
+            return f"{box_text}; as the run has it"
+        return (
+            f"{box_text}; the run has {_product(own)} m, so that in the pictures it is "
+            + ", ".join(
+                f"{abs(by):.2f} m {more if by > 0 else less}"
+                for by, more, less in zip(
+                    apart,
+                    ("longer", "wider", "higher"),
+                    ("shorter", "narrower", "lower"),
+                    strict=True,
+                )
+                if abs(by) >= _TOLD_M
             )
-            if abs(by) >= _TOLD_M
         )
 
 
@@ -118,17 +121,17 @@ class CarlaPlantRecord(_ServerRecord):
     @property
     def texts(self) -> dict[str, str]:
         """Describe the bodies and how they answer, by object, for people."""
-        found = {}
+        descriptions = {}
         for name, body in sorted(self.bodies.items()):
             r = self.responses.get(name)
-            found[name] = f"{body.box_text}; " + (
+            descriptions[name] = f"{body.box_text}; " + (
                 "moved by our own body, and placed"
                 if r is None
                 else f"full throttle {r['throttle_mps2']:.2f} m/s^2 (lag {r['throttle_lag_s']:.2f} "
                 f"s), full brake {r['brake_mps2']:.2f} m/s^2 (lag {r['brake_lag_s']:.2f} s), whole "
                 f"turn of the wheel {r['steer_1pm']:.3f} 1/m (lag {r['steer_lag_s']:.2f} s)"
             )
-        return found
+        return descriptions
 
 
 class CarlaScene(_ServerRecord):
@@ -159,14 +162,16 @@ class CarlaScene(_ServerRecord):
 
         The address, the frame's number and bodies of other objects don't count.
         """
-        named = [
+        field_names = [
             name
             for name in type(self).model_fields
             if name not in ("address", "first_frame", "bodies")
             and getattr(self, name) != getattr(other, name)
         ]
         both = self.bodies.keys() & other.bodies.keys()
-        return named + [f"bodies.{k}" for k in sorted(both) if self.bodies[k] != other.bodies[k]]
+        return field_names + [
+            f"bodies.{k}" for k in sorted(both) if self.bodies[k] != other.bodies[k]
+        ]
 
 
 def encode_server(record: Mapping[str, Any]) -> bytes:
@@ -182,12 +187,12 @@ def with_bodies(scene: CarlaScene, bodies: Mapping[str, BodyRecord]) -> CarlaSce
 def _trigger_text(trigger: Mapping[str, Any]) -> str:
     condition = trigger.get("condition")
     values = {**(condition if isinstance(condition, dict) else {}), **trigger}
-    told = ", ".join(
+    values_text = ", ".join(
         f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
         for name, value in sorted(values.items())
         if name not in ("id", "object_id") and not isinstance(value, dict | None)
     )
-    return f"{trigger.get('id')} of {trigger.get('object_id')}: {told}"
+    return f"{trigger.get('id')} of {trigger.get('object_id')}: {values_text}"
 
 
 def _sides(box: BodyBox) -> tuple[float, float, float]:

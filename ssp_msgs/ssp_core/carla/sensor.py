@@ -66,5 +66,7 @@ def weather_of(look: Look) -> dict[str, float]:
 
 def instance_attributes(camera: Camera) -> dict[str, str]:
     """Return the attributes of a camera that gives each actor a colour of its own."""
-    wanted = camera_attributes(camera)
-    return {name: wanted[name] for name in ("image_size_x", "image_size_y", "fov", "sensor_tick")}
+    attributes = camera_attributes(camera)
+    return {
+        name: attributes[name] for name in ("image_size_x", "image_size_y", "fov", "sensor_tick")
+    }

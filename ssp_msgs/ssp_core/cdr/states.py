@@ -161,8 +161,8 @@ def read_state(data: bytes, at: int) -> tuple[ObjectState, int]:
             f"{control_state} is unknown"
         ) from None
     state = _new(ObjectState)
-    for put, value in zip(_FIELDS, values, strict=True):
-        put(state, value)
+    for setter, value in zip(_FIELDS, values, strict=True):
+        setter(state, value)
     return state, at + _ERRORS.size
 
 
@@ -207,9 +207,9 @@ def find_state(data: bytes, object_id: str) -> ObjectState | None:
     Raises:
         ValueError: the bytes are no such message, as far as they were looked at.
     """
-    wanted = raw_text(object_id) + b"\0"
+    id_bytes = raw_text(object_id) + b"\0"
     # In frame map a state's stamp, frame and id stand together, so that its place can be looked up.
-    place = data.rfind(_FRAME + _U32.pack(len(wanted)) + wanted) - _STAMP_BYTES
+    place = data.rfind(_FRAME + _U32.pack(len(id_bytes)) + id_bytes) - _STAMP_BYTES
     # The message's own header looks the same, with the source in the place of the id.
     if place > START and place % 4 == 0:
         with suppress(ValueError, IndexError, struct.error):

@@ -177,9 +177,9 @@ def decode_commands(data: bytes, at: int) -> tuple[BodyCommands, int]:
     return BodyCommands(*[*head, tuple(commands)]), at
 
 
-def encode_done(done: StepDone) -> bytes:
+def encode_done(step_done: StepDone) -> bytes:
     """Encode a StepDone.msg; raise ValueError for what its fields can't hold."""
-    return ENCAPSULATION + write(_DONE, fields_of(done))
+    return ENCAPSULATION + write(_DONE, fields_of(step_done))
 
 
 @decoder

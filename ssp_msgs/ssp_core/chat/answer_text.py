@@ -167,7 +167,7 @@ def split_answer(output: str) -> AnswerText:
 
 
 def _without_reasoning(output: str) -> tuple[str, str]:
-    kept: list[str] = []
+    answer_parts: list[str] = []
     reasoning: list[str] = []
     at, inside, headed = 0, False, False
     channel_end = None
@@ -180,27 +180,27 @@ def _without_reasoning(output: str) -> tuple[str, str]:
         if inside and channel_end is not None:
             # A channel ends with its own mark, or where the next one begins.
             before = _CHANNEL_END.split(before, maxsplit=1)[0]
-        (reasoning if inside else kept).append(before)
+        (reasoning if inside else answer_parts).append(before)
         if mark["channel"]:
             inside = mark["name"].lower() not in _FINAL_CHANNELS
             channel_end = _CHANNEL_END
             if not inside:
-                reasoning += kept
-                kept = []
+                reasoning += answer_parts
+                answer_parts = []
         elif mark["begin"]:
             inside = True
         else:
             if not inside:
-                reasoning += kept
-                kept = []
+                reasoning += answer_parts
+                answer_parts = []
             inside, channel_end = False, None
     rest = output[at:]
     if inside and channel_end is not None and (end := _CHANNEL_END.search(rest)) is not None:
         reasoning.append(rest[: end.start()])
-        kept.append(rest[end.end() :])
+        answer_parts.append(rest[end.end() :])
     else:
-        (reasoning if inside else kept).append(rest)
-    return "".join(kept), "\n".join(part.strip() for part in reasoning if part.strip())
+        (reasoning if inside else answer_parts).append(rest)
+    return "".join(answer_parts), "\n".join(part.strip() for part in reasoning if part.strip())
 
 
 def plain_width(text: str) -> str:

@@ -221,9 +221,9 @@ class OpenAIChat:
                 raise NoAnswer(self._message(over, tries), late=True)
             limit_s = policy.timeout_s if left_s is None else min(policy.timeout_s, left_s)
             key = self._key or NO_KEY
-            came = self._http.exchange(self._url, key, request, limit_s, policy.max_bytes)
+            response = self._http.exchange(self._url, key, request, limit_s, policy.max_bytes)
             tries += 1
-            trouble = self._trouble(came)
+            trouble = self._trouble(response)
             if isinstance(trouble, bytes):
                 return Reply(trouble, tries)
             left_s = None if end_s is None else end_s - time.monotonic()
@@ -239,39 +239,41 @@ class OpenAIChat:
             self._note(f"{self._shown_url}: {trouble.reason}; trying again in {wait_s:g} s")
             self._sleep(wait_s)
 
-    def _trouble(self, came: RawReply | FailedRequest) -> Trouble | bytes:
+    def _trouble(self, response: RawReply | FailedRequest) -> Trouble | bytes:
         """Return a failed reply as trouble without the key in it, or the body of an answer."""
         kinds = self._http.Failure
-        if isinstance(came, self._http.FailedRequest):
-            late = came.failure is kinds.LATE
+        if isinstance(response, self._http.FailedRequest):
+            late = response.failure is kinds.LATE
             return Trouble(
-                (kinds.LOST if late else came.failure).value,
-                redact(" ".join(came.reason.split()), self._key),
-                safe=came.failure is kinds.UNREACHABLE,
-                lost=late or came.failure is kinds.LOST,
+                (kinds.LOST if late else response.failure).value,
+                redact(" ".join(response.reason.split()), self._key),
+                safe=response.failure is kinds.UNREACHABLE,
+                lost=late or response.failure is kinds.LOST,
                 late=late,
             )
-        code = came.status
+        code = response.status
         if code != 200:
-            said = redact(_said(came.body), self._key)
-            shown = said if len(said) <= _SHOWN else said[: _SHOWN - 3] + "..."
+            text = redact(_error_message(response.body), self._key)
+            excerpt = text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
             if 300 <= code < 400:
-                shown = "it sends on to another address, which is not followed"
-            topic = _topic(code, said, came.body)
+                excerpt = "it sends on to another address, which is not followed"
+            topic = _topic(code, text, response.body)
             return Trouble(
                 topic or str(code),
-                f"the server says {code}" + (f": {shown}" if shown else ""),
+                f"the server says {code}" + (f": {excerpt}" if excerpt else ""),
                 safe=(code in PASSING or code >= 500) and topic != _FILTER,
-                wait_s=self._http.retry_after_s(came.headers),
+                wait_s=self._http.retry_after_s(response.headers),
             )
-        if gives_away(came.body, self._key):
+        if gives_away(response.body, self._key):
             return Trouble("key", "the answer holds the key that was sent and is not kept")
-        return came.body
+        return response.body
 
     def _message(self, trouble: Trouble, tries: int) -> str:
         remedy = self._remedies.get(trouble.kind, "")
-        made = f" ({tries} tries)" if tries > 1 else ""
-        return f"{self._shown_url}: {trouble.reason}{made}" + (f"; {remedy}" if remedy else "")
+        tries_text = f" ({tries} tries)" if tries > 1 else ""
+        return f"{self._shown_url}: {trouble.reason}{tries_text}" + (
+            f"; {remedy}" if remedy else ""
+        )
 
 
 _SAY_WHY = frozenset({400, 403, 404, 413, 422, 500, 501})
@@ -341,19 +343,19 @@ _TOPICS_OF_REQUEST = (
 )
 
 
-def _topic(code: int, said: str, body: bytes) -> str:
+def _topic(code: int, text: str, body: bytes) -> str:
     """Name the cause that an error's message states; empty where it is none that is known here."""
     if code not in _SAY_WHY:
         return ""
     if is_filtered(body[: 1 << 16].decode("utf-8", "replace"), code):
         return _FILTER
-    if code == 403 or _MEMORY.search(said):
+    if code == 403 or _MEMORY.search(text):
         return ""
     topics = _TOPICS_OF_REQUEST if code in _OF_REQUEST else _TOPICS
-    return next((name for name, words in topics if words.search(said)), "")
+    return next((name for name, words in topics if words.search(text)), "")
 
 
-def _said(body: bytes) -> str:
+def _error_message(body: bytes) -> str:
     """Return an error's message on one line, else its text."""
     text = body[:LOOKED_AT].decode("utf-8", "replace")
     if looks_like_html(body):
@@ -529,8 +531,8 @@ def _content(message: Mapping[str, Any]) -> _Content:
     texts: list[str] = []
     reasoning: list[str] = []
     others: list[str] = []
-    for given in content:
-        part = {"text": given} if isinstance(given, str) else given
+    for element in content:
+        part = {"text": element} if isinstance(element, str) else element
         kind = _kind(part)
         if kind == "refusal" and isinstance(part.get("refusal"), str):
             refused = refused or part["refusal"] or None
@@ -594,12 +596,12 @@ def _text_within(part: Mapping[str, Any]) -> str:
 def _usage(value: Any) -> dict[str, int] | None:
     if not isinstance(value, dict):
         return None
-    found = {
+    token_counts = {
         key: value[key]
         for key in _TOKENS
         if isinstance(value.get(key), int) and not isinstance(value[key], bool)
     }
-    return found or None
+    return token_counts or None
 
 
 def _word(value: Any) -> str | None:

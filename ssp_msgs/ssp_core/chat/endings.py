@@ -70,15 +70,15 @@ def blocked_for(reply: Mapping[str, Any]) -> str:
 def _stated(place: Mapping[str, Any]) -> Iterator[StatedEnd]:
     is_first = True
     for key in _REASONS:
-        said = _reason(place.get(key))
+        reason = _reason(place.get(key))
         # Token and text at which a server stopped stand there too, beside the reason.
         is_mark = key == "stop_reason" and (
             isinstance(place.get(key), int)
-            or not (is_first or said is None or _NAME.fullmatch(said))
+            or not (is_first or reason is None or _NAME.fullmatch(reason))
         )
-        if said is not None and not is_mark:
+        if reason is not None and not is_mark:
             is_first = False
-            yield StatedEnd(said, f"{key} {said}")
+            yield StatedEnd(reason, f"{key} {reason}")
     signs = [
         (key, _reason(place.get(key))) for key in _SIGNS if not isinstance(place.get(key), int)
     ]
@@ -86,17 +86,17 @@ def _stated(place: Mapping[str, Any]) -> Iterator[StatedEnd]:
     signs += [(key, "not_finished") for key in _IF_FALSE if place.get(key) is False]
     if _holds_filtered(place.get(_FILTERS)):
         signs.append((_FILTERS, "content_filter"))
-    for key, said in signs:
-        if ending(said) in _RANK:
-            shown = str(place[key]).lower() if isinstance(place[key], bool) else said
-            yield StatedEnd(said, f"{key} {shown}")
+    for key, reason in signs:
+        if ending(reason) in _RANK:
+            value_text = str(place[key]).lower() if isinstance(place[key], bool) else reason
+            yield StatedEnd(reason, f"{key} {value_text}")
 
 
-def _reason(said: Any) -> str | None:
+def _reason(reason: Any) -> str | None:
     """Return a reason that may stand in an object with further details."""
-    if isinstance(said, dict):
-        said = next((said[key] for key in _WITHIN if said.get(key) is not None), None)
-    return said if said is None or isinstance(said, str) else str(said)
+    if isinstance(reason, dict):
+        reason = next((reason[key] for key in _WITHIN if reason.get(key) is not None), None)
+    return reason if reason is None or isinstance(reason, str) else str(reason)
 
 
 def _holds_filtered(results: Any) -> bool:

@@ -69,8 +69,8 @@ def error_in(reply: Mapping[str, Any]) -> Any:
         return {"message": status.get("status_msg"), "code": status["status_code"]}
     if reply.get("error_code") not in (None, 0, "0", "") and reply.get("error_msg"):
         return {"message": reply["error_msg"], "code": reply["error_code"]}
-    said = [reply.get("detail"), reply.get("message")]
-    if reply.get("choices") or not any(one and not isinstance(one, dict) for one in said):
+    texts = [reply.get("detail"), reply.get("message")]
+    if reply.get("choices") or not any(one and not isinstance(one, dict) for one in texts):
         return None
     return {key: reply[key] for key in (*_CODES, *_MESSAGES) if key in reply}
 
@@ -102,28 +102,30 @@ def is_filtered(error: Any, status: int = 200) -> bool:
         error: as it stands in the reply, or its text.
         status: of the reply.
     """
-    said = _read(error)
-    numbers = {int(code) for code in said.codes if code.isascii() and code.isdigit()} | {status}
+    texts = _read(error)
+    numbers = {int(code) for code in texts.codes if code.isascii() and code.isdigit()} | {status}
     if any(number in PASSING or 500 <= number <= 599 for number in numbers):
         return False
-    text = "\n".join(said.messages)[:LOOKED_AT]
+    text = "\n".join(texts.messages)[:LOOKED_AT]
     if _PASSES.search(text):
         return False
-    named = (code for code in said.codes if _CODE.search(code))
-    return any(not _CODE_OF_SERVICE.search(code) for code in named) or bool(_MESSAGE.search(text))
+    filter_codes = (code for code in texts.codes if _CODE.search(code))
+    return any(not _CODE_OF_SERVICE.search(code) for code in filter_codes) or bool(
+        _MESSAGE.search(text)
+    )
 
 
 def error_text(error: Any) -> str:
     """Return what an error says, on one line; its code where it holds no message."""
-    said = _read(error)
-    text = next((one for one in (*said.messages, *said.codes) if one.strip()), str(error))
+    texts = _read(error)
+    text = next((one for one in (*texts.messages, *texts.codes) if one.strip()), str(error))
     return " ".join(text.split())[:_SHOWN]
 
 
 def _read(error: Any) -> _ErrorTexts:
-    found = list(_walk(error, _DEPTH))
-    codes = tuple(text[:_SHOWN] for is_code, text in found if is_code)
-    return _ErrorTexts(codes, tuple(text for is_code, text in found if not is_code))
+    texts = list(_walk(error, _DEPTH))
+    codes = tuple(text[:_SHOWN] for is_code, text in texts if is_code)
+    return _ErrorTexts(codes, tuple(text for is_code, text in texts if not is_code))
 
 
 def _walk(error: Any, depth: int) -> Iterator[tuple[bool, str]]:

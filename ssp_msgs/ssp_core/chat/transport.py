@@ -97,9 +97,9 @@ async def _exchange(
                 base_url=base_url, api_key=key, max_retries=0, timeout=timeout, http_client=http
             ) as client,
         ):
-            given = dict(request)
+            fields = dict(request)
             reply = await client.chat.completions.with_raw_response.create(
-                model=given.pop("model"), messages=given.pop("messages"), extra_body=given
+                model=fields.pop("model"), messages=fields.pop("messages"), extra_body=fields
             )
             return _received(reply.http_response)
     except openai.APIStatusError as error:
@@ -112,7 +112,9 @@ async def _exchange(
     except (openai.APIConnectionError, _TooLarge, _Undecodable) as error:
         return _broken(error)
     except Exception as error:  # a value that JSON, HTTP or the library can't take
-        return FailedRequest(Failure.UNSENDABLE, f"the request can't be made ({_named(error)})")
+        return FailedRequest(
+            Failure.UNSENDABLE, f"the request can't be made ({_error_name(error)})"
+        )
 
 
 def _received(response: Any) -> RawReply:
@@ -128,14 +130,18 @@ def _broken(error: Exception) -> FailedRequest:
         return FailedRequest(Failure.LOST, f"the answer can't be decompressed ({cause})")
     # By name, as the HTTP library is not ours to import.
     if type(cause).__name__ in ("ConnectError", "ConnectTimeout", "ProxyError"):
-        return FailedRequest(Failure.UNREACHABLE, f"the server can't be reached ({_named(cause)})")
+        return FailedRequest(
+            Failure.UNREACHABLE, f"the server can't be reached ({_error_name(cause)})"
+        )
     if type(cause).__name__ in ("UnsupportedProtocol", "LocalProtocolError", "InvalidURL"):
-        return FailedRequest(Failure.UNSENDABLE, f"the request can't be made ({_named(cause)})")
-    reason = f"the connection broke off before the answer was whole ({_named(cause)})"
+        return FailedRequest(
+            Failure.UNSENDABLE, f"the request can't be made ({_error_name(cause)})"
+        )
+    reason = f"the connection broke off before the answer was whole ({_error_name(cause)})"
     return FailedRequest(Failure.LOST, reason)
 
 
-def _named(error: BaseException) -> str:
+def _error_name(error: BaseException) -> str:
     return str(error) or type(error).__name__
 
 
@@ -209,8 +215,8 @@ def _plain(raw: bytes, coding: str, limit: int, whole: bool) -> bytes:
     if coding not in ("gzip", "x-gzip", "deflate"):
         raise _Undecodable(f"its content coding is {coding[:40]!r}")
     try:
-        wanted = zlib.MAX_WBITS | (32 if "gzip" in coding else 0)
-        unpacker = zlib.decompressobj(wanted)
+        window_bits = zlib.MAX_WBITS | (32 if "gzip" in coding else 0)
+        unpacker = zlib.decompressobj(window_bits)
         body = unpacker.decompress(raw, limit + 1)
     except zlib.error as error:
         raise _Undecodable(str(error)) from error

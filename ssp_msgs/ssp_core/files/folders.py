@@ -61,7 +61,7 @@ def taken_folder(path: str | Path, *, empty: bool = False) -> Iterator[Path]:
     Raises:
         InputError: another command writes into it, it holds something, or it can't be made.
     """
-    made = not Path(path).exists()
+    is_new = not Path(path).exists()
     folder = make_folder(path)
     file = folder / TAKEN_FILE
     handle = _created_alone(file)
@@ -72,7 +72,7 @@ def taken_folder(path: str | Path, *, empty: bool = False) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             file.unlink()
-            if made:  # a command that fails before it writes leaves nothing
+            if is_new:  # a command that fails before it writes leaves nothing
                 folder.rmdir()
         os.close(handle)
 
@@ -200,7 +200,7 @@ def new_folder(target: Path, remedy: str = "name a new directory") -> Iterator[P
         shutil.rmtree(scratch, ignore_errors=True)
 
 
-def put_in_place(made: Path, target: Path) -> None:
+def put_in_place(folder: Path, target: Path) -> None:
     """Rename a finished folder to its place; an earlier one there goes once the new one stands.
 
     Raises:
@@ -212,7 +212,7 @@ def put_in_place(made: Path, target: Path) -> None:
     try:
         if os.path.lexists(target):
             target.rename(old)
-        made.rename(target)
+        folder.rename(target)
     except BaseException as error:
         if os.path.lexists(old):
             old.rename(target)
@@ -233,7 +233,7 @@ def new_files(folder: Path) -> Iterator[Path]:
         InputError: the folder can't be made.
         HostError: the disk doesn't take them.
     """
-    made = not folder.exists()
+    is_new = not folder.exists()
     make_folder(folder)
     try:
         scratch = Path(tempfile.mkdtemp(dir=folder, prefix=".new."))
@@ -249,6 +249,6 @@ def new_files(folder: Path) -> Iterator[Path]:
         raise not_written(folder, error) from error
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-        if made:
+        if is_new:
             with suppress(OSError):  # it holds something: a file was put there
                 folder.rmdir()

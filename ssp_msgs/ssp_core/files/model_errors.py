@@ -69,8 +69,8 @@ def field_path(
     parts = tuple(location)
     for index, part in enumerate(parts):
         absent = missing and index == len(parts) - 1 and isinstance(value, dict)
-        named = isinstance(part, int) or (isinstance(value, dict) and part in value)
-        if not named and not absent and value is not _NOT_GIVEN:
+        is_present = isinstance(part, int) or (isinstance(value, dict) and part in value)
+        if not is_present and not absent and value is not _NOT_GIVEN:
             continue
         if value is not _NOT_GIVEN:
             try:
@@ -120,7 +120,7 @@ def _has_inner(path: str, fields: Sequence[str]) -> bool:
 
 def _failure(path: str, of_one: list[ErrorDetails], model: type[BaseModel]) -> InputError:
     first = of_one[0]
-    kind, given = first["type"], first.get("input")
+    kind, input_value = first["type"], first.get("input")
     if kind == "union_tag_invalid":
         words = first["ctx"]
         key, tag = words["discriminator"].strip("'"), words["tag"]
@@ -134,19 +134,19 @@ def _failure(path: str, of_one: list[ErrorDetails], model: type[BaseModel]) -> I
         return InputError(
             UNKNOWN_KEY,
             field=path[:_LONGEST_FIELD],
-            value=given,
+            value=input_value,
             remedy=known_keys(model, first["loc"]),
         )
-    told = list(dict.fromkeys(one["msg"].removeprefix("Value error, ") for one in of_one))
-    problem = " or ".join([told[0], *(one.removeprefix(_EXPECTED) for one in told[1:])])
-    remedy = number_remedy(given) if kind in _NO_NUMBER else None
+    messages = list(dict.fromkeys(one["msg"].removeprefix("Value error, ") for one in of_one))
+    problem = " or ".join([messages[0], *(one.removeprefix(_EXPECTED) for one in messages[1:])])
+    remedy = number_remedy(input_value) if kind in _NO_NUMBER else None
     if kind == "string_pattern_mismatch":
         remedy = _PATTERNS.get(first["ctx"]["pattern"])
     return InputError(
         problem,
         field=path[:_LONGEST_FIELD],
-        value=None if kind == "missing" else given,
-        remedy=remedy or (_REMEDIES.get(kind) if len(told) == 1 else None),
+        value=None if kind == "missing" else input_value,
+        remedy=remedy or (_REMEDIES.get(kind) if len(messages) == 1 else None),
     )
 
 
@@ -163,12 +163,12 @@ def known_keys(model: type[Any], location: tuple[str | int, ...]) -> str:
         inner = [form for one in forms for form in _within(one, part)]
         # A part that is no field names the member of a union.
         forms = inner or [form for form in forms if _is_called(form, part)] or forms
-    known = list(dict.fromkeys(name for form in forms for name in _keys(form)))
-    near = get_close_matches(str(key)[:_LONGEST_KEY], known, n=2, cutoff=0.6)
-    said = [f"did you mean {' or '.join(near)}?"] if near else []
-    if known and (not near or len(known) <= _MOST_KEYS):
-        said.append(f"known are {', '.join(known)}")
-    return " ".join(said) or "remove it"
+    keys = list(dict.fromkeys(name for form in forms for name in _keys(form)))
+    near = get_close_matches(str(key)[:_LONGEST_KEY], keys, n=2, cutoff=0.6)
+    sentences = [f"did you mean {' or '.join(near)}?"] if near else []
+    if keys and (not near or len(keys) <= _MOST_KEYS):
+        sentences.append(f"known are {', '.join(keys)}")
+    return " ".join(sentences) or "remove it"
 
 
 def _forms(annotation: Any) -> Iterator[Any]:
@@ -189,9 +189,9 @@ def _fields(form: Any) -> Mapping[str, Any]:
     """Return the annotations of a form's fields by the keys of a file."""
     if isinstance(form, type) and issubclass(form, BaseModel):
         return {info.alias or name: info.annotation for name, info in form.model_fields.items()}
-    made = get_origin(form) or form
-    if dataclasses.is_dataclass(made) or is_typeddict(made):
-        return get_type_hints(made)
+    origin = get_origin(form) or form
+    if dataclasses.is_dataclass(origin) or is_typeddict(origin):
+        return get_type_hints(origin)
     return {}
 
 

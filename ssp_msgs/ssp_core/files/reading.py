@@ -37,8 +37,8 @@ def refuse_named_pipe(path: str | Path) -> None:
     Raises:
         InputError: it is one. A shell's <(…) isn't: that pipe has no name.
     """
-    named = os.path.realpath(path)
-    if os.path.lexists(named) and stat.S_ISFIFO(os.lstat(named).st_mode):
+    real_path = os.path.realpath(path)
+    if os.path.lexists(real_path) and stat.S_ISFIFO(os.lstat(real_path).st_mode):
         raise InputError(
             "is a named pipe, not a file", file=path, remedy="write its content to a file"
         )
@@ -265,11 +265,11 @@ def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:
         return model.model_validate(value)
     except ValidationError as error:
         if (count := error.error_count()) > MOST_ERRORS:
-            known = (one.alias or name for name, one in model.model_fields.items())
+            field_names = (one.alias or name for name, one in model.model_fields.items())
             raise InputError(
                 f"has {count} errors, and at most {MOST_ERRORS} are named",
                 file=file,
-                remedy=f"give a file with the fields {', '.join(islice(known, 10))}",
+                remedy=f"give a file with the fields {', '.join(islice(field_names, 10))}",
             ) from error
         raise InputError.of_all(failures(error, value, model), file) from error
 

@@ -79,18 +79,18 @@ class CoreLoader(Composer, yaml.CSafeLoader):
             raise yaml.MarkedYAMLError(
                 problem="a mapping was announced here", problem_mark=node.start_mark
             )
-        seen: set[Any] = set()
+        keys: set[Any] = set()
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, str):
                 raise yaml.MarkedYAMLError(
                     problem=f"key {key!r} is not a string", problem_mark=key_node.start_mark
                 )
-            if key in seen:
+            if key in keys:
                 raise yaml.MarkedYAMLError(
                     problem=f"key {key!r} stands twice", problem_mark=key_node.start_mark
                 )
-            seen.add(key)
+            keys.add(key)
         return super().construct_mapping(node, deep)
 
     def construct_whole(self, node: Any) -> int:

@@ -91,12 +91,12 @@ def adopted(env: Mapping[str, str]) -> Iterator[None]:
 
 def installed_middlewares(env: Mapping[str, str]) -> set[str]:
     """Return the middlewares of the sourced or installed ROS, named as in RMW_IMPLEMENTATION."""
-    found = set()
+    middlewares = set()
     for prefix in filter(None, env.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folder = Path(prefix) / "share" / "ament_index" / "resource_index" / "rmw_typesupport"
         if folder.is_dir():
-            found |= {file.name for file in folder.iterdir()}
-    return found - {"rmw_implementation"}
+            middlewares |= {file.name for file in folder.iterdir()}
+    return middlewares - {"rmw_implementation"}
 
 
 def set_middleware_aside(env: MutableMapping[str, str]) -> str:
@@ -130,16 +130,16 @@ def set_log_folder(env: MutableMapping[str, str]) -> str:
     Returns:
         The line for people; empty where ROS has its folder.
     """
-    given = ""
+    setting = ""
     name = next((name for name in ("ROS_LOG_DIR", "ROS_HOME", "HOME") if env.get(name)), None)
     if name is not None:
-        given, folder = env[name], Path(env[name]).absolute()
+        setting, folder = env[name], Path(env[name]).absolute()
         there = next(place for place in (folder, *folder.parents) if os.path.lexists(place))
         if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
             return ""
     instead = Path(tempfile.gettempdir()) / f"ros-log-{os.getuid()}"
     env["ROS_LOG_DIR"] = str(instead)
-    why = "HOME isn't set" if name is None else f"{name}={given} can't be written to"
+    why = "HOME isn't set" if name is None else f"{name}={setting} can't be written to"
     return f"{why}: ROS writes its logs to {instead}"
 
 
@@ -217,15 +217,15 @@ def _check_security(env: Mapping[str, str], wrong: Callable[[str, str, str], Non
 def _server_problems(servers: str, is_dead: Callable[[str, int], bool] | None) -> Iterator[str]:
     """Yield what is wrong with the addresses of discovery servers, HOST:PORT with ; between."""
     for server in filter(None, (one.strip() for one in servers.split(";"))):
-        found = _SERVER.fullmatch(server)
-        port = int(found["port"] or _SERVER_PORT) if found else 0
-        if found is None or not 0 < port < 1 << 16:
+        match = _SERVER.fullmatch(server)
+        port = int(match["port"] or _SERVER_PORT) if match else 0
+        if match is None or not 0 < port < 1 << 16:
             yield f"{server} is no HOST:PORT"
             continue
-        host = found["host"] or found["address"]
+        host = match["host"] or match["address"]
         if not _is_known(host, port):
             yield f"{host} is no known host"
-        elif found["host"] and is_dead is not None and is_dead(host, port):
+        elif match["host"] and is_dead is not None and is_dead(host, port):
             yield f"no server listens at {host}:{port}, so no node would find another"
 
 

@@ -65,7 +65,7 @@ def serve(channel: socket.socket) -> Request | None:
     Returns:
         In a forked process: what it was asked for. In this one, once the other side is gone: None.
     """
-    given = set(os.environ)
+    initial_variables = set(os.environ)
     pid_of: dict[int, int] = {}  # by file descriptor of the process
     with selectors.DefaultSelector() as selector:
         selector.register(channel, selectors.EVENT_READ)
@@ -97,7 +97,9 @@ def serve(channel: socket.socket) -> Request | None:
                     for descriptor in pid_of:
                         os.close(descriptor)
                     set_by_imports = {
-                        name: value for name, value in os.environ.items() if name not in given
+                        name: value
+                        for name, value in os.environ.items()
+                        if name not in initial_variables
                     }
                     _become(request, set_by_imports, handed[1:], here)
                     return request
@@ -123,8 +125,8 @@ def _become(
     if os.getppid() != parent:
         os.kill(os.getpid(), signal.SIGTERM)
     call_process(request.name)
-    output, *given = output_and_input
-    source = given[0] if given else os.open(os.devnull, os.O_RDONLY)
+    output, *inputs = output_and_input
+    source = inputs[0] if inputs else os.open(os.devnull, os.O_RDONLY)
     for descriptor, target in ((source, 0), (output, 1), (output, 2)):
         os.dup2(descriptor, target)
     os.close(source)

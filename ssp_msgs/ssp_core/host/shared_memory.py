@@ -83,8 +83,8 @@ def remove_stale_shared_memory() -> int:
                 removed += 1
     domains: dict[int, list[Path]] = {}
     for file in _SHM.glob("*fastrtps_port*"):
-        if found := _PORT.fullmatch(file.name):
-            domains.setdefault(domain_of_port(int(found[1])), []).append(file)
+        if match := _PORT.fullmatch(file.name):
+            domains.setdefault(domain_of_port(int(match[1])), []).append(file)
     for files in domains.values():
         _remove_dead_ports(files)
     return removed
@@ -92,12 +92,12 @@ def remove_stale_shared_memory() -> int:
 
 def shared_ports() -> set[int]:
     """Return the ports in /dev/shm at which a participant listens, wherever its network is."""
-    found = set()
+    ports = set()
     for file in _SHM.glob("fastrtps_port*_[es]l"):
         with _locked(file) as is_free:
             if (port := _PORT.fullmatch(file.name)) and not is_free:
-                found.add(int(port[1]))
-    return found
+                ports.add(int(port[1]))
+    return ports
 
 
 def _remove_dead_ports(files: Sequence[Path], *, is_held: bool = False) -> None:
@@ -105,10 +105,10 @@ def _remove_dead_ports(files: Sequence[Path], *, is_held: bool = False) -> None:
 
     The locks are held meanwhile: who comes just now and finds its lock taken or gone tries again.
     """
-    with ExitStack() as held, suppress(OSError):
+    with ExitStack() as stack, suppress(OSError):
         locks = [file for file in files if file.name.endswith(("_el", "_sl"))]
         for lock in locks:
-            if not held.enter_context(_locked(lock)):
+            if not stack.enter_context(_locked(lock)):
                 return
         owners = {file.stat().st_uid for file in files}
         if (is_held or not _is_new(files)) and owners == {os.geteuid()}:

@@ -50,8 +50,8 @@ def catch_stop_signals(handler: Callable[[signal.Signals], None]) -> dict[signal
             handler(signal.Signals(number))
 
     before = {number: signal.getsignal(number) for number in _ASK_TO_END}
-    for number, known in before.items():
-        if number in _INSIST or known is not signal.SIG_IGN:
+    for number, former_handler in before.items():
+        if number in _INSIST or former_handler is not signal.SIG_IGN:
             signal.signal(number, on_signal)
     return before
 
@@ -63,8 +63,8 @@ def on_stop_signals(handler: Callable[[signal.Signals], None]) -> Iterator[None]
     try:
         yield
     finally:
-        for number, known in before.items():
-            signal.signal(number, known)
+        for number, former_handler in before.items():
+            signal.signal(number, former_handler)
 
 
 @contextmanager
@@ -113,8 +113,8 @@ class LineWriter:
 
     def mark(self) -> Callable[[], bool]:
         """Return a function that tells whether all lines until now are written."""
-        said = self._said
-        return lambda: self._written >= said
+        line_count = self._said
+        return lambda: self._written >= line_count
 
     def close(self) -> None:
         """Wait until all lines are written."""

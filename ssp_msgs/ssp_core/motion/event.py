@@ -79,13 +79,13 @@ class PhaseWatch:
 
 def _text(meeting: Encounter, target: ObjectState, kind: Observable) -> str:
     if kind == "braking":
-        seen = f"deceleration {-target.acceleration_mps2:.2f} m/s^2"
+        observation = f"deceleration {-target.acceleration_mps2:.2f} m/s^2"
     elif kind == "closing":
-        seen = f"its speed {target.speed_mps:.2f} m/s, the VUT's closing in"
+        observation = f"its speed {target.speed_mps:.2f} m/s, the VUT's closing in"
     else:
-        seen = f"arrival gap {meeting.arrival_gap_s:.2f} s, lateral speed "
-        seen += f"{meeting.towards_mps:.2f} m/s"
-    return f"gap {meeting.gap_m:.1f} m, TTC {meeting.ttc_s:.2f} s, {seen}"
+        observation = f"arrival gap {meeting.arrival_gap_s:.2f} s, lateral speed "
+        observation += f"{meeting.towards_mps:.2f} m/s"
+    return f"gap {meeting.gap_m:.1f} m, TTC {meeting.ttc_s:.2f} s, {observation}"
 
 
 def next_phase(
@@ -116,16 +116,16 @@ def next_phase(
     meeting = encounter(vut, target, path)
     conflict = _conflicts(meeting, thresholds)
     if watch.phase is Phase.APPROACH:
-        met, confirm_s, following = (
+        is_met, confirm_s, following = (
             is_observable(kind, meeting, target),
             TRIGGER_CONFIRMATION_S,
             Phase.TRIGGER,
         )
     elif watch.phase is Phase.TRIGGER:
-        met, confirm_s, following = conflict, 0.0, Phase.CONFLICT
+        is_met, confirm_s, following = conflict, 0.0, Phase.CONFLICT
     else:
-        met, confirm_s, following = not conflict, RESOLUTION_CONFIRMATION_S, Phase.RESOLUTION
-    if not met:
+        is_met, confirm_s, following = not conflict, RESOLUTION_CONFIRMATION_S, Phase.RESOLUTION
+    if not is_met:
         return PhaseWatch(watch.phase), None
     if watch.since_ns is None:
         watch = replace(watch, since_ns=vut.stamp_ns, evidence=_text(meeting, target, kind))
@@ -251,10 +251,10 @@ def find_event(
         ):
             trigger -= 1
     else:
-        found = _shown_ahead(instants, meetings, observable)
-        if found is None:
+        index = _shown_ahead(instants, meetings, observable)
+        if index is None:
             return None
-        trigger = arrival = ahead = found
+        trigger = arrival = ahead = index
     under = [i for i in range(trigger + 1, len(instants)) if _conflicts(meetings[i], thresholds)]
     if ahead is None and not under and not harmless:
         return None

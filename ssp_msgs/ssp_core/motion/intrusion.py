@@ -76,7 +76,7 @@ def first_intrusions(
             if now.t_s >= end_s:
                 break
             meeting = encounter(now.vut, now.other, path)
-            found = intrusion_of(now.other.object_id, now.t_s, meeting, thresholds)
-            if found is not None:
-                yield found
+            intrusion = intrusion_of(now.other.object_id, now.t_s, meeting, thresholds)
+            if intrusion is not None:
+                yield intrusion
                 break

@@ -230,9 +230,9 @@ def _stations(heading: _Heading, driven_m: FloatArray, offset_m: FloatArray) -> 
     middle = 0.5 * (offset_m[1:] + offset_m[:-1])
     for _ in range(_MOST_ROUNDS):
         yaw, curvature = heading.over(stations)
-        found: FloatArray = driven_m + np.append(0.0, np.cumsum(middle * np.diff(yaw)))
-        moved_m = float(np.abs(found - stations).max())
-        stations = found
+        next_stations: FloatArray = driven_m + np.append(0.0, np.cumsum(middle * np.diff(yaw)))
+        moved_m = float(np.abs(next_stations - stations).max())
+        stations = next_stations
         if moved_m < _SAME_PLACE_M:
             return stations
     tightest = float((curvature * offset_m).max())
@@ -288,15 +288,15 @@ def lane_change(
         )
 
     def speed(room_m: float) -> SpeedProfile:
-        found = SpeedProfile(
+        profile = SpeedProfile(
             start_speed_mps, cruise_mps, room_m, acceleration_mps2, deceleration_mps2, ramp_s
         )
-        if duration_s >= found.duration_s:
+        if duration_s >= profile.duration_s:
             raise ValueError(
                 f"a lane change of {duration_s:g} s needs a moving object all the while; this one "
-                f"starts at {start_speed_mps:.2f} m/s and stands after {found.duration_s:.2f} s"
+                f"starts at {start_speed_mps:.2f} m/s and stands after {profile.duration_s:.2f} s"
             )
-        return found
+        return profile
 
     end = path.length_m if end_station_m is None else end_station_m
     shift = _Shift(start_offset_m, lateral_shift_m, duration_s)

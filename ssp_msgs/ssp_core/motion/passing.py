@@ -56,14 +56,14 @@ class Passing:
 
 def passing_since(instants: Sequence[Instant], corridor: Corridor, since_s: float) -> Passing:
     """Follow how the two pass from a time on, with an object that is in the corridor by then."""
-    seen = _Places(instants, corridor)
+    places = _Places(instants, corridor)
     start = next((i for i, now in enumerate(instants) if now.t_s >= since_s), None)
     if start is None:
         return Passing()
-    if seen.inside[start]:
-        return seen.followed(start) if seen.is_ahead(start) else Passing()
-    entry = next((i for i in seen.entries if i > start), None)
-    return Passing() if entry is None else seen.entered(entry)
+    if places.inside[start]:
+        return places.followed(start) if places.is_ahead(start) else Passing()
+    entry = next((i for i in places.entries if i > start), None)
+    return Passing() if entry is None else places.entered(entry)
 
 
 def passing_of(
@@ -79,16 +79,16 @@ def passing_of(
         corridor: of the one that it is seen from (``Instant.vut``).
         event: of the other one, where there is one.
     """
-    seen = _Places(instants, corridor)
-    if event is not None and seen.entries:
+    places = _Places(instants, corridor)
+    if event is not None and places.entries:
         arrival_s = event.arrival_s
-        return seen.entered(min(seen.entries, key=lambda i: abs(instants[i].t_s - arrival_s)))
-    if seen.entries:
-        return seen.entered(seen.entries[0])
-    if not seen.inside[0] or not seen.is_ahead(0):
+        return places.entered(min(places.entries, key=lambda i: abs(instants[i].t_s - arrival_s)))
+    if places.entries:
+        return places.entered(places.entries[0])
+    if not places.inside[0] or not places.is_ahead(0):
         return Passing()
     since_s = -math.inf if event is None else event.trigger_s
-    return seen.followed(next((i for i, now in enumerate(instants) if now.t_s >= since_s), 0))
+    return places.followed(next((i for i, now in enumerate(instants) if now.t_s >= since_s), 0))
 
 
 def crossed_zone(

@@ -99,29 +99,31 @@ def declare(node: Node, table: Iterable[Parameter]) -> dict[str, Any]:
     Raises:
         InputError: a value is of another type than its parameter's, or out of its range.
     """
-    found = {}
+    values = {}
     for one in table:
         # rclpy would end with a traceback for what is wrong, and take no 5 where 5.0 is meant.
         as_given = ParameterDescriptor(dynamic_typing=True)
         value = one.check(node.declare_parameter(one.name, one.default, as_given).value)
         node.undeclare_parameter(one.name)
         node.declare_parameter(one.name, value, _descriptor(one), ignore_override=True)
-        found[one.name] = value
-    return found
+        values[one.name] = value
+    return values
 
 
 def _descriptor(one: Parameter) -> ParameterDescriptor:
-    made = ParameterDescriptor(
+    descriptor = ParameterDescriptor(
         description=one.description,
         additional_constraints=one.constraint,
         read_only=one.read_only,
     )
     if isinstance(one.default, float):
-        made.floating_point_range = [FloatingPointRange(from_value=one.least, to_value=one.most)]
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=one.least, to_value=one.most)
+        ]
     elif one.is_number:
         bounds = {"from_value": int(one.least), "to_value": int(one.most)}
-        made.integer_range = [IntegerRange(**bounds, step=1)]
-    return made
+        descriptor.integer_range = [IntegerRange(**bounds, step=1)]
+    return descriptor
 
 
 def declare_kind(node: Node, kind: ParticipantKind, *participants: str) -> None:
@@ -198,11 +200,11 @@ def take_the_rest(take: Callable[[], bool]) -> None:
 def take_arrived(subscription: Any) -> bool:
     """Give the callback what no executor has taken yet; tell whether there was something."""
     with subscription.handle:
-        found = False
+        has_messages = False
         while one := subscription.handle.take_message(subscription.msg_type, subscription.raw):
             subscription.callback(one[0])
-            found = True
-    return found
+            has_messages = True
+    return has_messages
 
 
 # What a reader misses can't be sent again once its writer is gone, so that a node waits at its end,
@@ -220,15 +222,15 @@ def await_readers(node: Node) -> None:
 
 def tolerant(node: Node, topic: str, decode: Callable[[Any], T]) -> Callable[[Any], T | None]:
     """Wrap ``decode`` for subscribe_raw: None for bytes that are no message, reported once."""
-    told = False
+    is_reported = False
 
     def decode_or_tell(data: Any) -> T | None:
-        nonlocal told
+        nonlocal is_reported
         try:
             return decode(data)
         except ValueError as error:
-            if not told:
-                told = True
+            if not is_reported:
+                is_reported = True
                 node.get_logger().error(
                     f"{topic}: message dropped (more will be without a word): {error}"
                 )

@@ -76,14 +76,14 @@ def with_faults(run: RunSpec, extra: FaultFile, file: str | Path) -> RunSpec:
         InputError: a fault or a disturbance is of something that the run doesn't have, its value
             makes no sense, or its time comes when the run is over.
     """
-    known = run.object_ids
+    object_ids = run.object_ids
     for object_id in extra.disturbances:
-        if object_id not in known:
+        if object_id not in object_ids:
             raise InputError(
                 "is no object of this run",
                 file=file,
                 field=f"disturbances.{object_id}",
-                remedy=f"choose {', '.join(known)}",
+                remedy=f"choose {', '.join(object_ids)}",
             )
     check_object_faults(run, extra.faults, file)
     _check_times(run, extra.faults, file)
@@ -106,14 +106,14 @@ def check_object_faults(run: RunSpec, faults: list[Fault], file: str | Path | No
         rule = _RULES.get(fault.kind)
         if rule is None:
             continue
-        known = run.object_ids if rule.objects == "any" else [run.vut.id]
-        if fault.target not in known:
+        object_ids = run.object_ids if rule.objects == "any" else [run.vut.id]
+        if fault.target not in object_ids:
             raise InputError(
                 f"is no object that {fault.kind} can strike in this run",
                 file=file,
                 field=f"faults[{index}].target",
                 value=fault.target,
-                remedy=f"choose {', '.join(known)}",
+                remedy=f"choose {', '.join(object_ids)}",
             )
         if wrong := _wrong_value(rule, fault):
             problem, remedy = wrong

@@ -172,24 +172,24 @@ class WantedPassing(Strict):
         """
         names = (initiator, "the VUT")
         first, second = names if self.initiator_first else names[::-1]
-        wanted = f"K* wants {first} before {second}"
+        requirement = f"K* wants {first} before {second}"
         if initiator_first is None:
-            return [f"passing order: {initiator} never came into the VUT's corridor, {wanted}"]
+            return [f"passing order: {initiator} never came into the VUT's corridor, {requirement}"]
         if initiator_first is not self.initiator_first:
-            return [f"passing order: {second} before {first}, {wanted}"]
+            return [f"passing order: {second} before {first}, {requirement}"]
         least, most = self.bounds_s
         if math.isinf(least) and math.isinf(most):
             return []
-        wanted = f"K* wants {least:g} to {most:g} s"
+        requirement = f"K* wants {least:g} to {most:g} s"
         if gap_s is None:
             if vut_arrived:
                 why, where = f"{first} never left the conflict zone", "beyond"
             else:
                 why, where = "the VUT never reached the conflict zone", "up to"
             why += f" (more road {where} it, or a longer run, would do)"
-            return [f"time gap at the conflict point: none, {why}; {wanted}"]
+            return [f"time gap at the conflict point: none, {why}; {requirement}"]
         if not least - _TOLERANCE_S <= gap_s <= most + _TOLERANCE_S:
-            return [f"time gap at the conflict point: {gap_s:.3f} s, {wanted}"]
+            return [f"time gap at the conflict point: {gap_s:.3f} s, {requirement}"]
         return []
 
 
@@ -378,8 +378,10 @@ class RunSpec(Strict):
 
     @model_validator(mode="after")
     def _everybody_declares(self) -> RunSpec:
-        wanted = participants([t.id for t in self.targets], has_camera=self.camera is not None)
-        missing = [who for who in wanted if who not in self.declaring]
+        participant_names = participants(
+            [t.id for t in self.targets], has_camera=self.camera is not None
+        )
+        missing = [who for who in participant_names if who not in self.declaring]
         if self.declaring and missing:
             raise ValueError(f"declaring lacks {', '.join(missing)}, which must declare their kind")
         return self
@@ -452,8 +454,8 @@ class RunSpec(Strict):
     @property
     def trigger_age_s(self) -> float:
         """Age of a VUT's state beyond which no trigger is judged; two steps where not given."""
-        given = self.limits.trigger_age_s
-        return 2.0 * self.step_s if given is None else given
+        limit_s = self.limits.trigger_age_s
+        return 2.0 * self.step_s if limit_s is None else limit_s
 
     @property
     def object_ids(self) -> list[str]:

@@ -104,9 +104,9 @@ class Participation:
 
     def kinds_of(self, who: str) -> tuple[str, ...]:
         """Return the kinds that a participant declared, by a person's word where there are none."""
-        told = self.declared.get(who, ())
+        kinds = self.declared.get(who, ())
         has_word = who in self.word and who not in self.lost
-        return told or ((self.word[who],) if has_word else ())
+        return kinds or ((self.word[who],) if has_word else ())
 
     @property
     def text(self) -> str:
@@ -125,8 +125,8 @@ class Participation:
         if self.said_by:
             by_word = [who for who in self.word if not self.declared.get(who)]
             counted = [who for who in by_word if who not in self.lost]
-            told = ", ".join(counted) or "none, since all declared themselves"
-            parts.append(f"by the word of {self.said_by}: {told}")
+            names_text = ", ".join(counted) or "none, since all declared themselves"
+            parts.append(f"by the word of {self.said_by}: {names_text}")
         return "; ".join(parts)
 
 

@@ -38,7 +38,7 @@ def mode_problem(token: str, mode: str) -> str:
     return f"session {token} is {is_what}, and the run's mode is {mode}"
 
 
-def token_problem(own: str, given: str, mode: str) -> str:
+def token_problem(own: str, command_token: str, mode: str) -> str:
     """Say why a command isn't for this session; empty where it is.
 
     Without a token of its own, a receiver takes any token of a session of its kind. A command
@@ -46,12 +46,12 @@ def token_problem(own: str, given: str, mode: str) -> str:
 
     Args:
         own: token of the receiver's session; empty: it has none.
-        given: that came with the command.
+        command_token: that came with the command.
         mode: of the receiver's run file.
     """
-    if given == own:
+    if command_token == own:
         return ""
-    if not given:
+    if not command_token:
         if _kind(mode) == _SIMULATED:
             return ""
         return (
@@ -59,5 +59,5 @@ def token_problem(own: str, given: str, mode: str) -> str:
             "token, and the manager's log names it"
         )
     if not own:
-        return mode_problem(given, mode)
-    return f"the command is for session {given}, and this is session {own}"
+        return mode_problem(command_token, mode)
+    return f"the command is for session {command_token}, and this is session {own}"

@@ -80,12 +80,12 @@ def load_candidate(path: Path, name: str, version: str) -> ListedEvent:
     Raises:
         InputError: the file is none, or the event in this version is no candidate of it.
     """
-    found = load_model(Shortlist, path)
-    entry = next((one for one in found.events if one.event_version == version), None)
+    shortlist = load_model(Shortlist, path)
+    entry = next((one for one in shortlist.events if one.event_version == version), None)
     if entry is not None and entry.rank is not None:
         return entry
-    candidates = [one.scenario for one in found.events if one.rank is not None]
-    others = [one.event_version for one in found.events if one.scenario == name]
+    candidates = [one.scenario for one in shortlist.events if one.rank is not None]
+    others = [one.event_version for one in shortlist.events if one.scenario == name]
     why = "is not on the shortlist"
     if entry is not None:
         why = "is on the shortlist and no candidate"

@@ -28,20 +28,20 @@ NonNegative = Annotated[float, Field(ge=0), AfterValidator(_finite)]
 _ROUNDED_RAD = 1e-3
 
 
-def _in_radians(value: float, most_rad: float, written: str) -> float:
+def _in_radians(value: float, most_rad: float, bound_text: str) -> float:
     """Take an angle that is in radians.
 
     Args:
         value: of the angle, rad.
         most_rad: largest angle either way that the field can mean.
-        written: that bound for people, such as 2π.
+        bound_text: that bound for people, such as 2π.
 
     Raises:
         ValueError: it isn't finite, or beyond the bound, as most angles in degrees are.
     """
     if abs(_finite(value)) > most_rad + _ROUNDED_RAD:
         raise ValueError(
-            f"must be from -{written} to {written}; give radians: {value:g} degrees are "
+            f"must be from -{bound_text} to {bound_text}; give radians: {value:g} degrees are "
             f"{math.radians(value):.4g}"
         )
     return value
@@ -130,14 +130,14 @@ def _of_files(schema: Any, quantity: Quantity = NUMBER) -> Any:
         if is_bounded and number.get("gt") != 0:
             return schema
         return core_schema.no_info_after_validator_function(check, schema)
-    found = {
+    new_schema = {
         # Keys of JSON and YAML are texts.
         key: value if key in ("keys_schema", "metadata") else _of_files(value, quantity)
         for key, value in schema.items()
     }
-    if found.get("type") == "int" and not found.get("strict"):
-        return core_schema.no_info_before_validator_function(_whole, found)
-    return found
+    if new_schema.get("type") == "int" and not new_schema.get("strict"):
+        return core_schema.no_info_before_validator_function(_whole, new_schema)
+    return new_schema
 
 
 class Strict(BaseModel):

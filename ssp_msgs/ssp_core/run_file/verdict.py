@@ -117,8 +117,8 @@ def parse_verdict(data: bytes, place: str | Path) -> RecordedVerdict:
 def _verdict(value: Mapping[str, object], place: str | Path) -> RecordedVerdict:
     words = {v.name.lower(): v for v in Verdict}
     word, reasons = value.get("verdict"), value.get("reasons")
-    known = isinstance(word, str) and word in words
-    if value.get("schema") != SCHEMA or not known or not isinstance(reasons, list):
+    has_verdict = isinstance(word, str) and word in words
+    if value.get("schema") != SCHEMA or not has_verdict or not isinstance(reasons, list):
         raise InputError(
             "is no verdict of a run",
             file=place,

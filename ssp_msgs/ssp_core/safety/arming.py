@@ -244,9 +244,9 @@ class Situation:
 
         Of one whose heading isn't known at rest the start's counts, until its first metre.
         """
-        known = {**self.targets, **({} if self.vut is None else {self.spec.vut.id: self.vut})}
+        states = {**self.targets, **({} if self.vut is None else {self.spec.vut.id: self.vut})}
         everyone = (self.spec.vut, *self.spec.targets)
-        return [(one, self._turned(one, known[one.id])) for one in everyone if one.id in known]
+        return [(one, self._turned(one, states[one.id])) for one in everyone if one.id in states]
 
     def _turned(self, one: ParticipantSpec, state: ObjectState) -> ObjectState:
         """Return a state, turned as its start is where its heading isn't known at rest."""
@@ -403,9 +403,9 @@ def _stamps_good(at: Situation) -> Iterator[Obstacle]:
 def _in_place(at: Situation) -> Iterator[Obstacle]:
     """Find what is wrong with control state, values, place and motion of each."""
     for participant, state in at.present:
-        wanted = _CONTROL[at.gate]
-        if participant is not at.spec.vut and state.control_state not in wanted:
-            which = " or ".join(control.name for control in wanted)
+        control_states = _CONTROL[at.gate]
+        if participant is not at.spec.vut and state.control_state not in control_states:
+            which = " or ".join(control.name for control in control_states)
             detail = f"{state.control_state.name}, not {which}"
             yield Obstacle(Need.CONTROL, participant.id, detail=detail)
         if not all(one.is_finite for one in at.as_judged(participant, state)):
@@ -428,11 +428,11 @@ def _at_its_start(
     if not abs(turned_rad) <= limits.start_yaw_rad:
         yield Obstacle(Need.HEADING, who, turned_rad, limits.start_yaw_rad)
     watch = at.facts.motion.get(who)
-    went = None if watch is None else judge.net_way_m(watch)
+    way_and_limit_m = None if watch is None else judge.net_way_m(watch)
     if not abs(state.speed_mps) <= judge.STANDSTILL_MPS:
         yield Obstacle(Need.STANDING, who, state.speed_mps, judge.STANDSTILL_MPS)
-    elif went is not None:
-        yield Obstacle(Need.STAYING, who, *went, f" in {judge.STOOD_S:g} s")
+    elif way_and_limit_m is not None:
+        yield Obstacle(Need.STAYING, who, *way_and_limit_m, f" in {judge.STOOD_S:g} s")
     if watch is not None and watch.doubt is not None:
         yield Obstacle(Need.CONSISTENT, who, detail=watch.doubt.text)
     boxes = [one.box for one in at.as_judged(participant, state)]

@@ -32,24 +32,24 @@ _NO_PROCESS = "its object_target was never heard: it doesn't run, or can't be re
 
 
 def known_bodies(
-    object_ids: Iterable[str], heard: Mapping[str, tuple[BodyStatus, int]], steady_ns: int
+    object_ids: Iterable[str], reports: Mapping[str, tuple[BodyStatus, int]], steady_ns: int
 ) -> dict[str, BodyStatus]:
     """Say of each object of a live run what is known of its body, or that its process is silent.
 
     Args:
         object_ids: of the live run.
-        heard: by object, what its process said last, and when, ns on the steady clock.
+        reports: by object, what its process said last, and when, ns on the steady clock.
         steady_ns: now, on the steady clock.
     """
-    found = {}
+    statuses = {}
     for object_id in object_ids:
-        status, at_ns = heard.get(object_id, (None, 0))
+        status, at_ns = reports.get(object_id, (None, 0))
         silent_s = ns_to_seconds(steady_ns - at_ns)
         if status is None:
-            found[object_id] = BodyStatus(object_id, (_NO_PROCESS,))
+            statuses[object_id] = BodyStatus(object_id, (_NO_PROCESS,))
         elif silent_s > FORGOTTEN_S:
             text = f"its object_target has said nothing for {silent_s:.0f} s"
-            found[object_id] = BodyStatus(object_id, (text,))
+            statuses[object_id] = BodyStatus(object_id, (text,))
         else:
-            found[object_id] = status
-    return found
+            statuses[object_id] = status
+    return statuses

@@ -206,20 +206,20 @@ class ConsistencyWatch:
         if share <= 1.0 and self._speed_delays.is_at_rest and self._yaw_delays.is_at_rest:
             self._findings.agree(samples.t_s[-1], moves=moves)
             return
-        found, by_speed = None, False
+        window, by_speed = None, False
         if share <= 1.0 and self._fits_as_before(start):
             self._speed_delays.begin_anew()
             self._yaw_delays.begin_anew()
         else:
-            found, by_speed = self._found(start)
+            window, by_speed = self._found(start)
         if share <= 1.0:
-            self._take_for_now(found, moves)
-        elif found is None:
+            self._take_for_now(window, moves)
+        elif window is None:
             # Only a delay explains it: no proof that the last contradiction is mended.
             self._findings.interrupt()
         elif not self._steps(start if self._direction_rad is None else samples.way_from):
-            kind = UNSTEADY_DELAY if self._fits_alone else self._kind(found, by_speed)
-            self._contradicts(found, kind, start)
+            kind = UNSTEADY_DELAY if self._fits_alone else self._kind(window, by_speed)
+            self._contradicts(window, kind, start)
 
     def _fits_as_before(self, start: int) -> bool:
         """Tell whether a window that fits without a delay fits with the believed one, if any."""
@@ -233,10 +233,10 @@ class ConsistencyWatch:
             return True
         return abs(window.speed_excess_mps) <= self._speed_bound(window, start)
 
-    def _take_for_now(self, found: Window | None, moves: bool) -> None:
+    def _take_for_now(self, window: Window | None, moves: bool) -> None:
         """Take a window that fits without a delay, and maybe not with the one of those before."""
-        if found is not None:
-            self._contradicts(found, UNSTEADY_DELAY)
+        if window is not None:
+            self._contradicts(window, UNSTEADY_DELAY)
         else:
             self._findings.agree(self._samples.t_s[-1], moves=moves)
 
@@ -441,7 +441,7 @@ class ConsistencyWatch:
             if len(windows) == len(DELAYS_S):
                 self._factors.take(windows, self._samples.noise_m(start) / windows[0].span_s)
         # A delay hides the mistake while the speed changes; the faster the clearer.
-        found = self._findings.contradict(
+        contradiction = self._findings.contradict(
             self._samples.t_s[-1],
             kind,
             window.way_mps,
@@ -449,7 +449,7 @@ class ConsistencyWatch:
             moves=window.way_mps >= DIRECTION_MPS,
             other_speed=self._factors.kind,
         )
-        if found.holds:
+        if contradiction.holds:
             # None of them explains what came so far.
             self._speed_delays, self._yaw_delays = Delays(), Delays()
 

@@ -110,7 +110,7 @@ class MotionFindings:
         self._kinds[kind] = self._kinds.get(kind, 0.0) + weight
         kind = max(self._kinds, key=self._kinds.__getitem__)
         kind = other_speed if kind == OTHER_SPEED else kind
-        found = self.contradiction = Contradiction(
+        contradiction = self.contradiction = Contradiction(
             kind,
             f"{kind}: {figures}",
             now_s - self._since_s,
@@ -118,6 +118,6 @@ class MotionFindings:
             moves or (before or self.doubt or _NEVER).moving,
         )
         self._agrees_since_s = None
-        if found.windows >= _DOUBT_WINDOWS and found.held_s >= _DOUBT_S:
-            self.doubt = found
-        return found
+        if contradiction.windows >= _DOUBT_WINDOWS and contradiction.held_s >= _DOUBT_S:
+            self.doubt = contradiction
+        return contradiction

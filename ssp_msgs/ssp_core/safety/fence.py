@@ -179,14 +179,14 @@ _MOST_SEEN = 8
 
 def _corners(fence: Sequence[Point]) -> FloatArray:
     """Return a fence as an array, shape (n, 2), made once as long as the fence stays the same."""
-    seen = _SEEN.get(id(fence))
+    entry = _SEEN.get(id(fence))
     # The comparison is quick: corners that stayed are the same objects.
-    if seen is None or seen[0] != fence:
+    if entry is None or entry[0] != fence:
         if len(_SEEN) >= _MOST_SEEN:
             _SEEN.clear()
-        seen = fence[:], np.array(fence, dtype=np.float64)
-        _SEEN[id(fence)] = seen
-    return seen[1]
+        entry = fence[:], np.array(fence, dtype=np.float64)
+        _SEEN[id(fence)] = entry
+    return entry[1]
 
 
 def _is_inside(box: Box, fence: Sequence[Point]) -> bool:
@@ -313,12 +313,14 @@ def _parts(
     step[:, 2] = wrap_angles(step[:, 2])
     counts = np.maximum(np.ceil(np.abs(step[:, 2]) / _TURN_RAD), 1.0).astype(np.intp)
     which = np.repeat(np.arange(len(before)), counts)
-    done = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    part_index = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = 1.0 / counts[which][:, None]
-    starts = before[which] + step[which] * (done[:, None] * share)
+    starts = before[which] + step[which] * (part_index[:, None] * share)
     # A part that ends where its way does ends there to the last bit.
-    last = (done + 1 == counts[which])[:, None]
-    ends = np.where(last, after[which], before[which] + step[which] * ((done[:, None] + 1) * share))
+    last = (part_index + 1 == counts[which])[:, None]
+    ends = np.where(
+        last, after[which], before[which] + step[which] * ((part_index[:, None] + 1) * share)
+    )
     return which, starts, ends
 
 

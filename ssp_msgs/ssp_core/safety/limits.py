@@ -154,16 +154,16 @@ def near_pairs(states: Sequence[ObjectState], within_m: float) -> list[tuple[int
             reach_m = math.inf
         spans.append((state.x_m - reach_m, state.x_m + reach_m + within_m, reach_m, i))
     spans.sort()
-    found: list[tuple[int, int]] = []
+    pairs: list[tuple[int, int]] = []
     ahead: list[tuple[float, float, int]] = []
     for begin_m, end_m, reach_m, i in spans:
         ahead = [other for other in ahead if other[0] >= begin_m]
         y_m = states[i].y_m
         for _, other_reach_m, j in ahead:
             if abs(states[j].y_m - y_m) <= reach_m + other_reach_m + within_m:
-                found.append((i, j) if i < j else (j, i))
+                pairs.append((i, j) if i < j else (j, i))
         ahead.append((end_m, reach_m, i))
-    return sorted(found)
+    return sorted(pairs)
 
 
 def separation(a: ObjectState, b: ObjectState, limits: Limits) -> LimitViolation | None:
@@ -213,17 +213,17 @@ def stated(state: ObjectState, limits: Limits) -> list[LimitViolation]:
 
     Errors count off the reference that it states, if it does.
     """
-    found = [localisation(state, limits)]
+    violations = [localisation(state, limits)]
     if state.reference_id and state.control_state is ControlState.RUNNING:
         # Who brakes for another reason leaves its reference, and brakes harder than one asks.
-        found.append(over_acceleration(state, limits))
+        violations.append(over_acceleration(state, limits))
     if state.reference_id:
-        found.append(
+        violations.append(
             error_longitudinal(state.error_longitudinal_m, limits)
             or error_lateral(state.error_lateral_m, limits)
             or error_yaw(state.error_yaw_rad, limits)
         )
-    return [passed for passed in found if passed is not None]
+    return [passed for passed in violations if passed is not None]
 
 
 def position_jump(before: ObjectState, state: ObjectState, limits: Limits) -> LimitViolation | None:
@@ -292,10 +292,10 @@ STOOD_WAY_M = 0.1
 
 def state_contradicts(watch: ConsistencyWatch) -> LimitViolation | None:
     """Find a motion whose statement hasn't fitted its places for too long, s."""
-    found = watch.contradiction
-    if found is None or not found.holds:
+    contradiction = watch.contradiction
+    if contradiction is None or not contradiction.holds:
         return None
-    return LimitViolation(SafetyCode.STATE_CONTRADICTS, found.held_s, HOLDS_S)
+    return LimitViolation(SafetyCode.STATE_CONTRADICTS, contradiction.held_s, HOLDS_S)
 
 
 def net_way_m(watch: ConsistencyWatch) -> tuple[float, float] | None:
@@ -324,8 +324,11 @@ def link_violations(offset_s: float, delay_s: float, limits: Limits) -> list[Lim
         delay_s: there and back.
         limits: of the run.
     """
-    found = link_delay(delay_s, limits), clock_offset(offset_s, limits, 0.5 * max(delay_s, 0.0))
-    return [passed for passed in found if passed is not None]
+    violations = (
+        link_delay(delay_s, limits),
+        clock_offset(offset_s, limits, 0.5 * max(delay_s, 0.0)),
+    )
+    return [passed for passed in violations if passed is not None]
 
 
 # An object whose own state says that it is faster than this can't stay where it is.
@@ -369,17 +372,17 @@ def follow(
     before = memory.before
     if not state.is_finite or (before is not None and state.stamp_ns <= before.stamp_ns):
         return memory, []
-    found = []
+    violations = []
     if before is not None and (jumped := position_jump(before, state, limits)) is not None:
-        found.append(jumped)
+        violations.append(jumped)
     if before is not None and (changed := body_changed(before, state)) is not None:
-        found.append(changed)
+        violations.append(changed)
     stood_at = _stood_at(memory, state, asked_mps)
     if stood_at is not None and stood_at is not state:
         stood_s = ns_to_seconds(state.stamp_ns - stood_at.stamp_ns)
         if (frozen := state_frozen(stood_s, limits)) is not None:
-            found.append(frozen)
-    return Continuity(state, stood_at), found
+            violations.append(frozen)
+    return Continuity(state, stood_at), violations
 
 
 def _stood_at(memory: Continuity, state: ObjectState, asked_mps: float) -> ObjectState | None:

@@ -190,11 +190,11 @@ class LossCounters:
         """Return one line for people per object that has lost states since the last call."""
         lines = []
         for object_id, count in sorted(self.of.items()):
-            told = self._told.get(object_id, 0)
-            if count.lost > told:
+            previous_count = self._told.get(object_id, 0)
+            if count.lost > previous_count:
                 lines.append(
-                    f"{object_id}: {count.lost - told} states lost, "
+                    f"{object_id}: {count.lost - previous_count} states lost, "
                     f"{count.lost} of {count.lost + count.received} so far"
                 )
-            self._told[object_id] = max(told, count.lost)
+            self._told[object_id] = max(previous_count, count.lost)
         return lines

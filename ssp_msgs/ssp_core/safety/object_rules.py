@@ -84,9 +84,9 @@ def software_here() -> str:
     package = Path(__file__).parent.parent
     paths = [package / name for name in _JUDGES]
     # Looked up, not imported.
-    found = find_spec(_OBJECTS)
-    if found is not None and found.submodule_search_locations:
-        paths += [Path(found.submodule_search_locations[0]) / name for name in _DRIVES]
+    spec = find_spec(_OBJECTS)
+    if spec is not None and spec.submodule_search_locations:
+        paths += [Path(spec.submodule_search_locations[0]) / name for name in _DRIVES]
     hashes = [sha256_sources(p) if p.is_dir() else sha256_file(p) for p in paths]
     return f"{__version__}+{sha256_json(hashes).removeprefix('sha256:')[:12]}"
 
@@ -96,7 +96,7 @@ def rules_of(run: RunSpec, object_id: str) -> ObjectRules:
     target = next(one for one in run.targets if one.id == object_id)
     datum = None if run.datum is None else run.datum.model_dump(mode="json")
     size, spec = target.size, target.model_dump(mode="json")
-    judged = {
+    rules = {
         "event_version": run.event_version,
         "mode": run.mode,
         "step_s": run.step_s,
@@ -117,7 +117,7 @@ def rules_of(run: RunSpec, object_id: str) -> ObjectRules:
             },
         },
     }
-    return ObjectRules(software_here(), dict(_fields("", judged)))
+    return ObjectRules(software_here(), dict(_fields("", rules)))
 
 
 def _fields(name: str, value: Any) -> Iterator[tuple[str, str]]:
@@ -172,9 +172,9 @@ class HeardRules:
         self._run: RunSpec | None = None
         self._checks: dict[str, RulesCheck] = {}
 
-    def hear(self, told: tuple[str, ObjectRules]) -> None:
+    def hear(self, statement: tuple[str, ObjectRules]) -> None:
         """Take whose they are, and what an object says to judge by; the newest word counts."""
-        object_id, rules = told
+        object_id, rules = statement
         self._heard[object_id] = rules
         self._run = None
 
@@ -206,9 +206,9 @@ def _has_fence_inside(ours: ObjectRules, theirs: ObjectRules) -> bool:
 
 def _fence(rules: ObjectRules) -> list[tuple[float, float]]:
     """Return the corners of the fence; empty where it is none that could be in a run file."""
-    told = [value for name, value in rules.values.items() if name.startswith(f"{_FENCE}[")]
+    corner_texts = [value for name, value in rules.values.items() if name.startswith(f"{_FENCE}[")]
     try:
-        corners = [(float(x), float(y)) for x, y in map(json.loads, told)]
+        corners = [(float(x), float(y)) for x, y in map(json.loads, corner_texts)]
     except (ValueError, TypeError):
         return []
     legal = len(corners) >= 3 and all(math.isfinite(x + y) for x, y in corners)

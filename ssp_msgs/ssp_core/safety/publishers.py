@@ -110,10 +110,10 @@ def expected_publishers(run: RunSpec | None) -> dict[str, tuple[Part, ...]]:
     Args:
         run: None: no run is loaded, and nothing is known of its objects.
     """
-    found = dict(_OF_SESSION)
+    topic_parts = dict(_OF_SESSION)
     if run is not None and run.driven is not None:
         driver = run.driven.driver
-        found |= dict.fromkeys(
+        topic_parts |= dict.fromkeys(
             (
                 names.vla_request_topic(driver),
                 names.vla_response_topic(driver),
@@ -124,10 +124,10 @@ def expected_publishers(run: RunSpec | None) -> dict[str, tuple[Part, ...]]:
             ONE,
         )
     for target in () if run is None else run.targets:
-        found |= dict.fromkeys(_of_object(target.id), ONE)
+        topic_parts |= dict.fromkeys(_of_object(target.id), ONE)
         if run is not None and _asks_for_references(run, target.id):
-            found[names.reference_topic(target.id)] = (Part.MANAGER, Part.RUNNER)
-    return found
+            topic_parts[names.reference_topic(target.id)] = (Part.MANAGER, Part.RUNNER)
+    return topic_parts
 
 
 def _of_object(object_id: str) -> tuple[str, ...]:
@@ -147,12 +147,12 @@ def _asks_for_references(run: RunSpec, object_id: str) -> bool:
 
 def _proofs(run: RunSpec | None) -> dict[str, Part]:
     """Give, by topic with one publisher, the part that its publisher's process belongs to."""
-    found = {topic: part for part, topic in _PROOFS.items()}
+    proofs = {topic: part for part, topic in _PROOFS.items()}
     for target in () if run is None else run.targets:
-        found |= dict.fromkeys(
+        proofs |= dict.fromkeys(
             (names.ack_topic(target.id), names.state_topic(target.id)), Part.OBJECTS
         )
-    return found
+    return proofs
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,9 +247,9 @@ class PublisherRules:
         """
         doubtful = set()
         for topic, part in self._proofs.items():
-            if len(found := graph.get(topic, ())) == 1:
-                self._known[part].add(found[0].process)
-            elif len(found) > 1:
+            if len(publishers := graph.get(topic, ())) == 1:
+                self._known[part].add(publishers[0].process)
+            elif len(publishers) > 1:
                 doubtful.add(part)
         self._doubtful = frozenset(part for part in doubtful if not self._known[part])
 
@@ -258,23 +258,23 @@ class PublisherRules:
         """Topics that ``know`` learns from."""
         return frozenset(self._proofs)
 
-    def strangers(self, topic: str, found: Sequence[Publisher]) -> Strangers | None:
+    def strangers(self, topic: str, publishers: Sequence[Publisher]) -> Strangers | None:
         """Name who publishes a topic and shouldn't; None while all is well.
 
         Args:
             topic: one of ``expected``.
-            found: all its publishers.
+            publishers: all of the topic.
         """
         parts = self.expected[topic]
         if not parts:
-            return _too_many(topic, found) if len(found) > 1 else None
-        known = set[bytes]().union(*(self._known[part] for part in parts))
-        strange, seen = [], set[bytes]()
-        for one in found:
+            return _too_many(topic, publishers) if len(publishers) > 1 else None
+        own_processes = set[bytes]().union(*(self._known[part] for part in parts))
+        strange, processes = [], set[bytes]()
+        for one in publishers:
             ours = Part.RUNNER in parts and one.node == _RUNNER
-            if one.process in seen or not (ours or one.process in known):
+            if one.process in processes or not (ours or one.process in own_processes):
                 strange.append(one)
-            seen.add(one.process)
+            processes.add(one.process)
         if not strange:
             return None
         text = f"{topic} has {' and '.join(_names(strange))}"
@@ -283,12 +283,12 @@ class PublisherRules:
         return Strangers(len(strange), f"{text} beside this session's own")
 
 
-def _names(found: Sequence[Publisher]) -> list[str]:
-    return sorted(one.name for one in found)
+def _names(publishers: Sequence[Publisher]) -> list[str]:
+    return sorted(one.name for one in publishers)
 
 
 _RUNNER = names.absolute(names.RUNNER)
 
 
-def _too_many(topic: str, found: Sequence[Publisher]) -> Strangers:
-    return Strangers(len(found) - 1, f"{topic} has {' and '.join(_names(found))}")
+def _too_many(topic: str, publishers: Sequence[Publisher]) -> Strangers:
+    return Strangers(len(publishers) - 1, f"{topic} has {' and '.join(_names(publishers))}")

@@ -65,21 +65,21 @@ class StartHeading:
             state: with finite values; an older one has no effect.
             stands: by its speed and by its places.
         """
-        before, stood = self._before, self._stood
+        before, rest_state = self._before, self._stood
         if self._is_over or (before is not None and state.stamp_ns <= before.stamp_ns):
             return None
         self._before = state
-        if stands or stood is None or before is None:
+        if stands or rest_state is None or before is None:
             self._stood, self._longest = state, (0.0, 0.0)
             return None
         step = state.x_m - before.x_m, state.y_m - before.y_m
         self._longest = max(step, self._longest, key=lambda way: math.hypot(*way))
-        return self._judge(stood, state)
+        return self._judge(rest_state, state)
 
-    def _judge(self, stood: ObjectState, state: ObjectState) -> LimitViolation | None:
-        x_m, y_m = state.x_m - stood.x_m, state.y_m - stood.y_m
+    def _judge(self, rest_state: ObjectState, state: ObjectState) -> LimitViolation | None:
+        x_m, y_m = state.x_m - rest_state.x_m, state.y_m - rest_state.y_m
         way_m = math.hypot(x_m, y_m)
-        uncertain_m = max(self._uncertain_m(stood), self._uncertain_m(state))
+        uncertain_m = max(self._uncertain_m(rest_state), self._uncertain_m(state))
         if way_m < LEAST_WAY_M or way_m <= uncertain_m:
             return None
         bound_rad = max(self._tolerance_rad, math.atan2(uncertain_m, way_m))
@@ -89,8 +89,8 @@ class StartHeading:
             return None
         if self._may_step and math.hypot(*self._longest) <= self._bounds.jump_m:
             # One correction of a receiver is no way.
-            x_m, y_m = stood.x_m + self._longest[0], stood.y_m + self._longest[1]
-            self._stood = replace(stood, x_m=x_m, y_m=y_m)
+            x_m, y_m = rest_state.x_m + self._longest[0], rest_state.y_m + self._longest[1]
+            self._stood = replace(rest_state, x_m=x_m, y_m=y_m)
             self._longest, self._may_step = (0.0, 0.0), False
             return None
         self._is_over = True
@@ -98,7 +98,7 @@ class StartHeading:
             f"its first {way_m:.2f} m lead {math.degrees(turned_rad):+.0f}° off its start's "
             f"heading, limit {math.degrees(bound_rad):.0f}°"
         )
-        moved_s = ns_to_seconds(state.stamp_ns - stood.stamp_ns)
+        moved_s = ns_to_seconds(state.stamp_ns - rest_state.stamp_ns)
         return LimitViolation(SafetyCode.STATE_CONTRADICTS, moved_s, 0.0, text)
 
     def _uncertain_m(self, state: ObjectState) -> float:

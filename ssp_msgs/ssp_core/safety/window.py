@@ -92,12 +92,12 @@ def known_factors(
         Their names; and whether it is known so well that it is the first one, and no other.
     """
     least, most = low * (1.0 - _SCALE_SHARE), high * (1.0 + _SCALE_SHARE)
-    found = tuple(name for name, factor in factors.items() if least <= factor <= most)
-    if len(found) != 1:
-        return found, False
-    factor = factors[found[0]]
+    matches = tuple(name for name, factor in factors.items() if least <= factor <= most)
+    if len(matches) != 1:
+        return matches, False
+    factor = factors[matches[0]]
     above = least >= factor * (1.0 - _KNOWN_SHARE)
-    return found, above and most <= factor * (1.0 + _KNOWN_SHARE)
+    return matches, above and most <= factor * (1.0 + _KNOWN_SHARE)
 
 
 def either(words: Sequence[str]) -> str:
@@ -177,12 +177,12 @@ def kind_of(
     if is_other_speed:
         return OTHER_SPEED
     bound = 0.5 * direction_rad
-    meant = course + (math.pi if signed and w.speed_mps < 0.0 else 0.0)
+    expected_yaw_rad = course + (math.pi if signed and w.speed_mps < 0.0 else 0.0)
     for kind, yaw in (
         (TURNED, w.yaw_rad + math.pi),
         (NED_YAW, math.pi / 2.0 - w.yaw_rad),
         (CLOCKWISE, -w.yaw_rad),
     ):
-        if abs(wrap_angle(meant - yaw)) <= bound:
+        if abs(wrap_angle(expected_yaw_rad - yaw)) <= bound:
             return kind
     return "yaw contradicts the way"

@@ -210,14 +210,14 @@ def shown_box(view: View, state: ObjectState) -> tuple[float, float, float, floa
         None where nothing of it lies in the image.
     """
     optical = (object_corners(state) - view.position_m) @ view.rotation.T
-    kept = [corner for corner in optical if corner[2] > NEAR_M]
+    corners = [corner for corner in optical if corner[2] > NEAR_M]
     for a, b in _EDGES:
         p, q = optical[a], optical[b]
         if (p[2] > NEAR_M) != (q[2] > NEAR_M):
-            kept.append(p + (q - p) * (NEAR_M - p[2]) / (q[2] - p[2]))
-    if not kept:
+            corners.append(p + (q - p) * (NEAR_M - p[2]) / (q[2] - p[2]))
+    if not corners:
         return None
-    lens, places = view.intrinsics, np.array(kept)
+    lens, places = view.intrinsics, np.array(corners)
     u = lens.fx_px * places[:, 0] / places[:, 2] + lens.cx_px
     v = lens.fy_px * places[:, 1] / places[:, 2] + lens.cy_px
     left, right = max(float(u.min()), -0.5), min(float(u.max()), lens.width_px - 0.5)

@@ -59,8 +59,10 @@ def following_acceleration(
     a, b = driver.acceleration_mps2, driver.comfortable_deceleration_mps2
     v = speed_mps
     closing = v - ahead_mps
-    wanted = driver.standstill_gap_m + v * driver.headway_s + v * closing / (2.0 * math.sqrt(a * b))
-    idm = free_acceleration(v, driver) - a * (max(wanted, 0.0) / gap_m) ** 2
+    desired_gap_m = (
+        driver.standstill_gap_m + v * driver.headway_s + v * closing / (2.0 * math.sqrt(a * b))
+    )
+    idm = free_acceleration(v, driver) - a * (max(desired_gap_m, 0.0) / gap_m) ** 2
     # The room that is left above the gap to keep at standstill.
     room = max(gap_m - driver.standstill_gap_m, _MIN_GAP_M)
     ahead_a = min(ahead_acceleration_mps2, a)

@@ -102,8 +102,8 @@ class Question:
     def sha256(self) -> str:
         """Hash of stamp, motion, centre line and pictures."""
         pictures = [(frame.stamp_ns, sha256_bytes(frame.jpeg)) for frame in self.frames]
-        asked = self.number, self.stamp_ns, self.history, self.route_m, pictures
-        return sha256_bytes(repr(asked).encode())
+        content = self.number, self.stamp_ns, self.history, self.route_m, pictures
+        return sha256_bytes(repr(content).encode())
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,13 +329,13 @@ class SeeingDriver(Protocol):
 
 
 def driver_options(
-    name: str, given: Mapping[str, Any], models_file: Path | None = None
+    name: str, raw_options: Mapping[str, Any], models_file: Path | None = None
 ) -> dict[str, Any]:
     """Return the options of a driver as a run file keeps them.
 
     Args:
         name: of a baseline, of a model of the models file, or of a bridge.
-        given: as a person gave them.
+        raw_options: as a person gave them.
         models_file: of ssp.models/1; None: none is given.
 
     Raises:
@@ -343,10 +343,10 @@ def driver_options(
     """
     baselines = Provider.BASELINES.load()
     if baselines.is_known(name):
-        baselines.make_driver(name, given)
-        return dict(given)
-    models, known = Provider.MODELS.load(), baselines.known_names()
-    options: dict[str, Any] = models.driver_options(name, given, models_file, known)
+        baselines.make_driver(name, raw_options)
+        return dict(raw_options)
+    models, baseline_names = Provider.MODELS.load(), baselines.known_names()
+    options: dict[str, Any] = models.driver_options(name, raw_options, models_file, baseline_names)
     return options
 
 
@@ -361,8 +361,8 @@ def check_models(models_file: Path) -> None:
 
 def sees_frames(name: str) -> bool:
     """Tell whether a driver's questions hold frames: those of all models do."""
-    known: bool = Provider.BASELINES.load().is_known(name)
-    return not known
+    is_baseline: bool = Provider.BASELINES.load().is_known(name)
+    return not is_baseline
 
 
 def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -430,10 +430,10 @@ def history_of(states: Sequence[ObjectState]) -> tuple[EgoSample, ...]:
         states: in time order, at least one.
     """
     now = states[-1]
-    found = []
+    samples = []
     for state in states:
         x, y = now.pose.to_local(state.x_m, state.y_m)
         t_s = (state.stamp_ns - now.stamp_ns) / 1e9
         turned = wrap_angle(state.yaw_rad - now.yaw_rad)
-        found.append(EgoSample(t_s, x, y, turned, state.speed_mps, state.yaw_rate_radps))
-    return tuple(found)
+        samples.append(EgoSample(t_s, x, y, turned, state.speed_mps, state.yaw_rate_radps))
+    return tuple(samples)

@@ -64,10 +64,10 @@ def answers_in_event(path: Path) -> tuple[RecordedAnswer, ...]:
         InputError: it isn't such a file.
     """
     value = read_json(path, _REMEDY, MOST_ANSWER_BYTES)
-    found = value.get("event") if isinstance(value, dict) else None
-    if not isinstance(found, list):
+    answers = value.get("event") if isinstance(value, dict) else None
+    if not isinstance(answers, list):
         raise InputError("has no answers", file=path, field="event", remedy=_REMEDY)
-    return tuple(_answer(one, path, k) for k, one in enumerate(found, 1))
+    return tuple(_answer(one, path, k) for k, one in enumerate(answers, 1))
 
 
 def _answer(value: Any, path: Path, number: int) -> RecordedAnswer:

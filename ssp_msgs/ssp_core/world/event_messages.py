@@ -47,5 +47,5 @@ def encode_limit(
 
 def encode_fault(fault: FaultFact) -> bytes:
     """Encode a FaultEvent.msg, in frame map; raise ValueError for what its fields can't hold."""
-    *told, stamp_ns = fields_of(fault)
-    return ENCAPSULATION + write(_FAULT, [stamp_ns, *told])
+    *fields, stamp_ns = fields_of(fault)
+    return ENCAPSULATION + write(_FAULT, [stamp_ns, *fields])

@@ -126,7 +126,7 @@ def coming_along(place: Place, others: Sequence[ObjectState]) -> list[Coming]:
         others: measured states in frame map, of everybody but the VUT.
     """
     first_m, last_m = place.spec.priority_zone_m
-    found = []
+    arrivals = []
     projected = place.path.project_all_beyond([(o.x_m, o.y_m) for o in others])
     for other, (station, offset) in zip(others, projected, strict=True):
         turn = wrap_angle(other.yaw_rad - place.path.pose(station).yaw_rad)
@@ -137,10 +137,10 @@ def coming_along(place: Place, others: Sequence[ObjectState]) -> list[Coming]:
         if speed > _COMING_MPS:
             way_m, faster = max(first_m - front, 0.0), max(other.acceleration_mps2, 0.0)
             arrives = _time_for(way_m, speed, faster, max(place.most_mps(front), speed))
-            found.append(Coming(other.object_id, arrives, (last_m - rear) / speed))
+            arrivals.append(Coming(other.object_id, arrives, (last_m - rear) / speed))
         elif front >= first_m:
-            found.append(Coming(other.object_id, 0.0, math.inf))
-    return found
+            arrivals.append(Coming(other.object_id, 0.0, math.inf))
+    return arrivals
 
 
 def _time_for(way_m: float, speed_mps: float, acceleration_mps2: float, most_mps: float) -> float:
@@ -182,14 +182,14 @@ def decide(
     if to_zone <= 0.0:
         # Only what is in the zone already may stand in the VUT's way.
         heeded = frozenset(one.object_id for one in coming if one.arrives_s > 0.0)
-        met = everybody - heeded if front_m <= place.zone_m[1] else frozenset[str]()
-        return Decision("go", heeded=heeded, in_way=met)
+        ids_in_way = everybody - heeded if front_m <= place.zone_m[1] else frozenset[str]()
+        return Decision("go", heeded=heeded, in_way=ids_in_way)
     if to_line > speed_mps * (speed_mps / (2.0 * b) + LOOKS_AHEAD_S) + driver.standstill_gap_m:
         return Decision("approach", heeded=everybody)
-    went = before == "go"
-    if went and speed_mps * speed_mps > 2.0 * _HARDEST * b * to_zone:
+    is_going = before == "go"
+    if is_going and speed_mps * speed_mps > 2.0 * _HARDEST * b * to_zone:
         return Decision("go", heeded=everybody)
-    slack = HYSTERESIS_S if went else 0.0
+    slack = HYSTERESIS_S if is_going else 0.0
     until = _gives_way_until(place, to_line, to_zone, speed_mps, coming, driver, slack)
     if until is None:
         return Decision("go", heeded=everybody)
@@ -250,12 +250,12 @@ class PriorityWatch:
             others: measured states in frame map.
             driver: of the VUT now.
         """
-        made = [
+        decisions = [
             decide(p.spec, front_m, speed_mps, coming_along(p, others), driver, word)
             for p, word in zip(self._places, self.words, strict=True)
         ]
-        self.words = [one.word for one in made]
-        hardest = min(made, key=lambda one: one.most_mps2, default=Decision("approach"))
-        heeded = frozenset[str]().union(*(one.heeded for one in made))
-        in_way = frozenset[str]().union(*(one.in_way for one in made))
+        self.words = [one.word for one in decisions]
+        hardest = min(decisions, key=lambda one: one.most_mps2, default=Decision("approach"))
+        heeded = frozenset[str]().union(*(one.heeded for one in decisions))
+        in_way = frozenset[str]().union(*(one.in_way for one in decisions))
         return Decision(hardest.word, hardest.most_mps2, heeded - in_way, in_way)

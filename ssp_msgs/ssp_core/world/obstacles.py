@@ -143,7 +143,7 @@ def find_obstacles(
     places = places or places_on(vut, others, path)
     own = _extent(vut, path, places[0])
     half = corridor_half_m(vut.size.width_m)
-    found = []
+    obstacles = []
     for other, place in zip(others, places[1:], strict=True):
         vulnerable = other.object_class in _VULNERABLE
         across = not vulnerable and _heads_across(vut, other)
@@ -163,8 +163,8 @@ def find_obstacles(
         else:
             ahead = e.along_mps
         speed_up = other.acceleration_mps2 if ahead > 0.0 else 0.0
-        found.append(Obstacle(other.object_id, max(gap, _MIN_GAP_M), ahead, speed_up))
-    return found
+        obstacles.append(Obstacle(other.object_id, max(gap, _MIN_GAP_M), ahead, speed_up))
+    return obstacles
 
 
 def _meets(vut: ObjectState, other: _Extent, gap_m: float, half_m: float, driver: Driver) -> bool:

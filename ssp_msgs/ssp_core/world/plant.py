@@ -126,7 +126,7 @@ class SessionCamera(Protocol):
         step: int,
         stamp_ns: int,
         truths: Sequence[ObjectState],
-        drawn: bytes | None = None,
+        jpeg: bytes | None = None,
     ) -> bytes | None:
         """Return the JPEG of a step; None: the step has no frame.
 
@@ -134,7 +134,7 @@ class SessionCamera(Protocol):
             step: each step of the world once, in their order.
             stamp_ns: session time of the step.
             truths: true states of everything.
-            drawn: the JPEG of the step, where it was drawn already.
+            jpeg: of the step, where it was drawn already.
 
         Raises:
             PeerError: the server that draws it refused, or failed.

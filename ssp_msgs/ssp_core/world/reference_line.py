@@ -132,8 +132,8 @@ class Panels:
 
     def index(self, s: FloatArray) -> IndexArray:
         """Return the panels that hold arc lengths; the outermost ones beyond the ends."""
-        found = np.searchsorted(self.s, s, side="right") - 1
-        return np.clip(found, 0, len(self.s) - 1)
+        indexes = np.searchsorted(self.s, s, side="right") - 1
+        return np.clip(indexes, 0, len(self.s) - 1)
 
     def at(self, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the place and heading at arc lengths: x, y, yaw, each of shape (n,)."""
@@ -239,7 +239,7 @@ class Panels:
             (Pose2(float(self.x[0]), float(self.y[0]), float(self.yaw[0])), 0.0, -1.0),
             (self._last, self.length_m, 1.0),
         ]
-        found = []
+        feet = []
         bound = (distance + self._sag).min(axis=1)
         for pose, s0, side in rays:
             c, w = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
@@ -247,11 +247,11 @@ class Panels:
             along, across = c * dx + w * dy, c * dy - w * dx
             out = np.flatnonzero(along * side > 0.0)
             bound[out] = np.minimum(bound[out], np.abs(across[out]))
-            found.append((out, s0 + along[out], across[out], np.ones(len(out))))
+            feet.append((out, s0 + along[out], across[out], np.ones(len(out))))
         near = distance - self._sag <= bound[:, None] + _SAME_DISTANCE_M
         who, index = np.nonzero(near)
-        found += self._roots(xy, who, index)
-        merged = [np.concatenate(part) for part in zip(*found, strict=True)]
+        feet += self._roots(xy, who, index)
+        merged = [np.concatenate(part) for part in zip(*feet, strict=True)]
         return merged[0], merged[1], merged[2], merged[3]
 
     def _slip(
@@ -287,9 +287,9 @@ class Panels:
                 step = u + slip / stretch
             inside = (step >= low) & (step <= high)
             new = np.where(inside, step, 0.5 * (low + high))
-            done = np.abs(new - u) <= _LAST_STEP_M
+            is_converged = np.abs(new - u) <= _LAST_STEP_M
             u = new
-            if done.all():
+            if is_converged.all():
                 break
         _, across, stretch = self._slip(p, index, u)
         return [(who, self.s[index] + u, across, stretch)]
@@ -401,8 +401,8 @@ class ReferenceLine:
         if self._straight:
             yaw_rad = wrap_angle(self.origin.yaw_rad)
             return [Pose2(*self.origin.to_parent(s, 0.0), yaw_rad) for s in s_m]
-        found = (part.tolist() for part in self._panels.at(np.array(s_m)))
-        return [Pose2(x, y, wrap_angle(yaw)) for x, y, yaw in zip(*found, strict=True)]
+        columns = (part.tolist() for part in self._panels.at(np.array(s_m)))
+        return [Pose2(x, y, wrap_angle(yaw)) for x, y, yaw in zip(*columns, strict=True)]
 
     def curvature_1pm(self, s_m: float) -> float:
         """Return the curvature at an arc length, + turns left; 0 beyond the ends."""

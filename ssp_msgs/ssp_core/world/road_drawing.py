@@ -298,11 +298,11 @@ class RoadView:
 
     width_px = _PAGE_PX
 
-    def __init__(self, road: Road, shown: Sequence[Point]) -> None:
+    def __init__(self, road: Road, visible_points: Sequence[Point]) -> None:
         start, end = road.origin, ReferenceLine.of_road(road).pose(road.length_m)
         turn = math.atan2(end.y_m - start.y_m, end.x_m - start.x_m)
         self._turn = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-        places = np.array(shown) @ self._turn
+        places = np.array(visible_points) @ self._turn
         low, high = places.min(axis=0) - _BEYOND_M, places.max(axis=0) + _BEYOND_M
         wide, tall = high - low
         scale = (_PAGE_PX - 2 * _MARGIN_PX) / wide
@@ -313,10 +313,10 @@ class RoadView:
 
     def points(self, places: Sequence[Point]) -> list[Point]:
         """Move places of frame map to pixels from the upper left corner of the page."""
-        found = (
+        points_px = (
             np.array(places).reshape(-1, 2) @ self._turn - self._corner
         ) * self._scale + _MARGIN_PX
-        return [(float(x), float(y)) for x, y in found]
+        return [(float(x), float(y)) for x, y in points_px]
 
     def svg(self, places: Sequence[Point]) -> str:
         """Write the places as the points of an SVG polyline."""

@@ -195,9 +195,9 @@ def reversed_item(item: SceneryItem, length_m: float) -> SceneryItem:
 def left_out(road: Road) -> list[str]:
     """List the scenery of a road that can't stand where it is, and why, for people."""
     clearance = Clearance.of_road(road)
-    found = []
+    problems = []
     for i, item in enumerate(road.scenery):
         problem = clearance.problem(item)
         if problem is not None:
-            found.append(f"road.scenery[{i}], a {item.type}, {problem}: it isn't drawn")
-    return found
+            problems.append(f"road.scenery[{i}], a {item.type}, {problem}: it isn't drawn")
+    return problems

@@ -92,10 +92,10 @@ def find_netconvert() -> Path:
         packaged = Path(spec.origin).parent / "bin" / "netconvert"
         if packaged.is_file():
             return packaged
-    found = shutil.which("netconvert")
-    if found is None:
+    program = shutil.which("netconvert")
+    if program is None:
         raise HostError("netconvert isn't installed; install the Python package eclipse-sumo")
-    return Path(found)
+    return Path(program)
 
 
 def _number(value: float) -> str:
@@ -232,14 +232,16 @@ def write_network(road: Road, folder: Path) -> Network:
     """
     folder.mkdir(parents=True, exist_ok=True)
     network = Network(folder / "road.net.xml", _places(road))
-    wanted: dict[str, bytes] = {}
+    contents: dict[str, bytes] = {}
     for name, root in zip(("road.nod.xml", "road.edg.xml"), _plain_xml(road), strict=True):
         ElementTree.indent(root)
-        wanted[name] = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-    if network.path.is_file() and all(_holds(folder / name, data) for name, data in wanted.items()):
+        contents[name] = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    if network.path.is_file() and all(
+        _holds(folder / name, data) for name, data in contents.items()
+    ):
         return network
     network.path.unlink(missing_ok=True)
-    for name, data in wanted.items():
+    for name, data in contents.items():
         (folder / name).write_bytes(data)
     command = [
         str(find_netconvert()),
@@ -250,9 +252,9 @@ def write_network(road: Road, folder: Path) -> Network:
         "--no-turnarounds=true",
         f"--precision={_PRECISION}",
     ]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise HostError(f"netconvert can't make the road network: {done.stderr.strip()}")
+    process = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if process.returncode != 0:
+        raise HostError(f"netconvert can't make the road network: {process.stderr.strip()}")
     (folder / _UNFINISHED).replace(network.path)
     return network
 

@@ -131,14 +131,14 @@ class TransformFilter:
 
         What is no pose, or has a stamp that no message can carry, is left out.
         """
-        found = []
+        transforms = []
         for state in states:
             known_ns = self._told.get(state.object_id, -1)
             pose = state.x_m + state.y_m + state.yaw_rad
             if known_ns < state.stamp_ns < _LATEST_NS and math.isfinite(pose):
                 self._told[state.object_id] = state.stamp_ns
-                found.append(of_state(state))
-        return found
+                transforms.append(of_state(state))
+        return transforms
 
 
 def _write(one: Transform, at: int) -> bytes:
@@ -170,9 +170,9 @@ def encode_transforms(transforms: Iterable[Transform]) -> bytes:
 def decode_transforms(data: bytes, at: int) -> tuple[tuple[Transform, ...], int]:
     """Return the transforms of a tf2_msgs/TFMessage."""
     count, at = read_count(data, at, _LEAST_BYTES)
-    found = []
+    transforms = []
     for _ in range(count):
         (stamp_ns, parent, child, x, y, z, *turn), at = read(_LAYOUT, data, at)
         quaternion = (turn[0], turn[1], turn[2], turn[3])
-        found.append(Transform(parent, child, stamp_ns, (x, y, z), quaternion))
-    return tuple(found), at
+        transforms.append(Transform(parent, child, stamp_ns, (x, y, z), quaternion))
+    return tuple(transforms), at

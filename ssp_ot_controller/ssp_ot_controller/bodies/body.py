@@ -155,16 +155,20 @@ class MirrorBody:
     def command(self, command: Command, now_ns: int) -> None:
         """Move as commanded from the last command's time to this one's."""
         last = self._newest
-        done = self.commands[-1] if self.commands else Command(0.0, 0.0, last.yaw_rad)
+        previous_command = self.commands[-1] if self.commands else Command(0.0, 0.0, last.yaw_rad)
         self.commands.append(command)
         dt_s = ns_to_seconds(now_ns - last.stamp_ns)
-        wanted = -self._hardest_mps2 if done.emergency_stop else done.acceleration_mps2
-        speed = max(last.speed_mps + wanted * dt_s, 0.0)
+        acceleration_mps2 = (
+            -self._hardest_mps2
+            if previous_command.emergency_stop
+            else previous_command.acceleration_mps2
+        )
+        speed = max(last.speed_mps + acceleration_mps2 * dt_s, 0.0)
         way_m = 0.5 * (last.speed_mps + speed) * dt_s
-        turn = way_m * done.curvature_1pm
+        turn = way_m * previous_command.curvature_1pm
         yaw = last.yaw_rad
-        if self._walks and not done.emergency_stop:
-            yaw, turn = done.heading_rad, 0.0
+        if self._walks and not previous_command.emergency_stop:
+            yaw, turn = previous_command.heading_rad, 0.0
         self._newest = self._reading = BodyReading(
             stamp_ns=now_ns,
             x_m=last.x_m + way_m * math.cos(yaw + 0.5 * turn),

@@ -273,7 +273,7 @@ def step_body(
         KeyError: a class without a body (UNKNOWN).
         ValueError: as ``step_vehicle``.
     """
-    chosen = LIMITS[object_class] if limits is None else limits
+    body_limits = LIMITS[object_class] if limits is None else limits
     if object_class is ObjectClass.PEDESTRIAN:
-        return step_walker(state, command, chosen, dt_s, lag_scale)
-    return step_vehicle(state, command, chosen, dt_s, lag_scale)
+        return step_walker(state, command, body_limits, dt_s, lag_scale)
+    return step_vehicle(state, command, body_limits, dt_s, lag_scale)

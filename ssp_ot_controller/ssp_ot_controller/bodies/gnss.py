@@ -197,8 +197,8 @@ class GnssStates:
         place = fix.place
         if math.isnan(place.altitude_m):
             place = replace(place, altitude_m=self._datum.place.altitude_m)
-        known = abs(place.latitude_deg) <= 90.0 and abs(place.longitude_deg) <= 180.0
-        if not (known and abs(place.altitude_m) <= _HIGHEST_M):
+        is_on_earth = abs(place.latitude_deg) <= 90.0 and abs(place.longitude_deg) <= 180.0
+        if not (is_on_earth and abs(place.altitude_m) <= _HIGHEST_M):
             raise Unusable("its latitude, longitude or altitude is out of range")
         self._states.check_stamp(fix.stamp_ns, now_ns)
         yaw_rad = self._unit_yaw_rad(fix.stamp_ns)

@@ -283,12 +283,12 @@ class UdpBody:
                 # Nothing more to read, or no program listens there: its silence is what counts.
                 self._unreachable |= isinstance(error, ConnectionRefusedError)
                 return newest
-            found = decode_state(data, self._object_id)
+            outcome = decode_state(data, self._object_id)
             self._unreachable, self._refused = False, None
-            if isinstance(found, Reason):
-                self._refused = found
-            elif self._order.is_new(found[0], time.monotonic_ns()):
-                newest = found[1]
+            if isinstance(outcome, Reason):
+                self._refused = outcome
+            elif self._order.is_new(outcome[0], time.monotonic_ns()):
+                newest = outcome[1]
             else:
                 self._refused = Reason.ORDER
             if self._refused is not None:

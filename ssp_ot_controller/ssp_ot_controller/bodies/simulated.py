@@ -83,9 +83,9 @@ class BodyServer:
     def on_datagram(self, data: bytes, address: Any, now_ns: int) -> None:
         """Take a datagram of any sender, at the time at which it came."""
         self.advance(now_ns)
-        found = decode_command(data, self.object_id)
-        if isinstance(found, Reason):
-            self.rejected[found] += 1
+        datagram = decode_command(data, self.object_id)
+        if isinstance(datagram, Reason):
+            self.rejected[datagram] += 1
             return
         stands = self.brakes_by_itself and self.body.speed_mps == 0.0
         if address != self.commander:
@@ -93,11 +93,11 @@ class BodyServer:
                 self.strangers += 1
                 return
             self.commander, self._order = address, Order()
-        if not self._order.is_new(found.envelope, now_ns, may_restart=stands):
+        if not self._order.is_new(datagram.envelope, now_ns, may_restart=stands):
             self.rejected[Reason.ORDER] += 1
             return
-        holds_s = min(found.timeout_ms / 1000.0, WATCHDOG_S)
-        self._command = found.command
+        holds_s = min(datagram.timeout_ms / 1000.0, WATCHDOG_S)
+        self._command = datagram.command
         self._brakes_at_ns = now_ns + seconds_to_ns(holds_s)
 
     def advance(self, now_ns: int) -> None:

@@ -78,7 +78,7 @@ def jpeg(image: Array, quality: int) -> bytes:
     Raises:
         ValueError: the encoder refused the picture.
     """
-    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    if not done:
+    is_encoded, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not is_encoded:
         raise ValueError(f"a picture of shape {image.shape} can't be encoded as JPEG")
     return data.tobytes()

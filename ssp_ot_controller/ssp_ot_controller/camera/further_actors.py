@@ -56,11 +56,11 @@ def with_further(board: Storyboard, further: Sequence[FurtherActor]) -> Storyboa
     same = sum(lane.direction == "forward" for lane in lanes)
     counts = LaneCounts(same, len(lanes) - same)
     actors = tuple(_further_actor(one, counts) for one in further)
-    taken = {actor.state(0.0).y_m for actor in actors}
+    positions_y_m = {actor.state(0.0).y_m for actor in actors}
     others = [
         actor
         for actor in board.others
-        if actor.role is not Role.TRAFFIC or actor.state(0.0).y_m not in taken
+        if actor.role is not Role.TRAFFIC or actor.state(0.0).y_m not in positions_y_m
     ]
     return replace(board, others=(*others, *actors))
 

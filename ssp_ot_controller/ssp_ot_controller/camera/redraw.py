@@ -71,17 +71,17 @@ class Redrawing:
             states: of all objects at that time.
             camera_at: where the VUT carries the camera; None: where it is.
         """
-        known = tuple(state for state in states if state.is_finite)
-        self._odometer.update(known)
-        vut = next((state for state in known if state.object_id == self._run.vut.id), None)
+        finite_states = tuple(state for state in states if state.is_finite)
+        self._odometer.update(finite_states)
+        vut = next((state for state in finite_states if state.object_id == self._run.vut.id), None)
         if step % self._every or vut is None:
             return None
         return Scene(
             self._run.road,
             vut if camera_at is None else camera_at,
-            known,
+            finite_states,
             self._odometer.snapshot(),
-            self._indicators.update(known, stamp_ns),
+            self._indicators.update(finite_states, stamp_ns),
         )
 
     def draw(
@@ -154,11 +154,11 @@ def _fill(mask: Array, view: View, triangles: Array) -> None:
     planes = _planes(view)
     # Shape (n, 3 corners, 5 planes): where it isn't negative, the corner is on the right side.
     sides = at @ planes[:, :3].T + planes[:, 3]
-    seen = (sides.max(axis=1) >= 0.0).all(axis=1)
+    is_visible = (sides.max(axis=1) >= 0.0).all(axis=1)
     whole = sides.min(axis=(1, 2)) >= 0.0
     for outline in _outline(view, at[whole]):
         cv2.fillConvexPoly(mask, outline, 1)
-    for points in at[seen & ~whole]:
+    for points in at[is_visible & ~whole]:
         for plane in planes:
             points = _cut(points, points @ plane[:3] + plane[3])
         if len(points):
@@ -201,12 +201,12 @@ def _cut(points: Array, side: Array) -> Array:
         points: corners of the polygon, shape (n, 3).
         side: of each corner, how far it is on the right side.
     """
-    kept = []
+    corners = []
     for k in range(len(points)):
         following = (k + 1) % len(points)
         if side[k] >= 0.0:
-            kept.append(points[k])
+            corners.append(points[k])
         if (side[k] >= 0.0) != (side[following] >= 0.0):
             share = side[k] / (side[k] - side[following])
-            kept.append(points[k] + share * (points[following] - points[k]))
-    return np.array(kept).reshape(-1, 3)
+            corners.append(points[k] + share * (points[following] - points[k]))
+    return np.array(corners).reshape(-1, 3)

@@ -80,19 +80,19 @@ class Ring:
             Lane(y_m=-half, width_m=self.lane_m, direction="forward"),
             Lane(y_m=half, width_m=self.lane_m, direction="backward"),
         ]
-        made = []
+        junction_roads = []
         for here, following in zip(_ARMS, (*_ARMS[1:], _ARMS[0]), strict=True):
             far = self._place(here, self._reach_m + arm_m, 0.0, math.pi)
-            made.append(_road(far, ((arm_m, 0.0),), both, "end"))
+            junction_roads.append(_road(far, ((arm_m, 0.0),), both, "end"))
             into, ring, out, _ = self.way(here, following, 1.0, 1.0)[1:]
-            made.append(_road(self.inward(here, 0.0), (into, ring), own, "both"))
+            junction_roads.append(_road(self.inward(here, 0.0), (into, ring), own, "both"))
             on = self._place(here, *self._polar(-self._beside_rad), 0.5 * math.pi)
             turned = on.yaw_rad - self._beside_rad
             on = Pose2(on.x_m, on.y_m, turned)
-            made.append(_road(on, (out,), own, "both"))
+            junction_roads.append(_road(on, (out,), own, "both"))
             around = (following - here) % (2.0 * math.pi)
-            made.append(_road(on, ((self.radius_m * around, ring[1]),), own, "both"))
-        return made
+            junction_roads.append(_road(on, ((self.radius_m * around, ring[1]),), own, "both"))
+        return junction_roads
 
     def _polar(self, angle_rad: float) -> tuple[float, float]:
         return self.radius_m * math.cos(angle_rad), self.radius_m * math.sin(angle_rad)

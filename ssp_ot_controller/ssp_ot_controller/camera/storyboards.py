@@ -161,7 +161,7 @@ def clip_ramp(counts: LaneCounts, joins_m: float) -> list[JunctionRoad]:
     ]
     far = Start(x_m=x_m - _ARM_M * cos, y_m=y_m - _ARM_M * sin, yaw_rad=_RAMP_RAD)
     on = Start(x_m=x_m, y_m=y_m, yaw_rad=_RAMP_RAD)
-    made = [
+    roads = [
         JunctionRoad(origin=far, length_m=_ARM_M, lanes=own, junction_at="end"),
         JunctionRoad(
             origin=on, length_m=_RAMP_M + arc_m, pieces=pieces, lanes=own, junction_at="both"
@@ -174,8 +174,8 @@ def clip_ramp(counts: LaneCounts, joins_m: float) -> list[JunctionRoad]:
     )
     for begins_m, length_m, end in ends:
         at = Start(x_m=begins_m, y_m=0.0, yaw_rad=0.0)
-        made.append(JunctionRoad(origin=at, length_m=length_m, lanes=along, junction_at=end))
-    return made
+        roads.append(JunctionRoad(origin=at, length_m=length_m, lanes=along, junction_at=end))
+    return roads
 
 
 def _ramp_start(joins_m: float) -> tuple[float, float]:

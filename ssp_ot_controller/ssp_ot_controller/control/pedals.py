@@ -60,8 +60,8 @@ def first_order(values: Sequence[float], dt_s: float) -> tuple[float, float]:
     if len(values) <= 2 * width:
         return 0.0, 0.0
     smooth: FloatArray = np.convolve(np.asarray(values), np.ones(width) / width, "valid")
-    seen = float(smooth.max())
-    if seen <= 0.0:
+    peak = float(smooth.max())
+    if peak <= 0.0:
         return 0.0, 0.0
     before, after = smooth[:-1], smooth[1:]
     spread = float(((before - before.mean()) ** 2).sum())
@@ -71,7 +71,7 @@ def first_order(values: Sequence[float], dt_s: float) -> tuple[float, float]:
     share = min(max(share, 0.0), math.exp(-dt_s / _LONGEST_LAG_S))
     gain = float((after - share * before).mean()) / (1.0 - share)
     lag_s = -dt_s / math.log(share) if share > 1e-9 else 0.0
-    return min(max(gain, seen), _BEYOND_SEEN * seen), lag_s
+    return min(max(gain, peak), _BEYOND_SEEN * peak), lag_s
 
 
 class Pedals:
@@ -107,14 +107,14 @@ class Pedals:
             acceleration_mps2=self._acceleration_mps2,
             curvature_1pm=self.curvature_1pm,
         )
-        wanted = step_body(self._class, own, command, self._dt_s, lag_scale=self._lag_scale)
-        steer = self._turn(wanted.curvature_1pm)
-        if wanted.speed_mps == 0.0 or command.emergency_stop:
-            self._acceleration_mps2 = wanted.acceleration_mps2
+        target = step_body(self._class, own, command, self._dt_s, lag_scale=self._lag_scale)
+        steer = self._turn(target.curvature_1pm)
+        if target.speed_mps == 0.0 or command.emergency_stop:
+            self._acceleration_mps2 = target.acceleration_mps2
             self._drag_mps2, self._follows = 0.0, False
             return 0.0, 1.0, steer
         r = self._response
-        now, soon = self._acceleration_mps2, wanted.acceleration_mps2
+        now, soon = self._acceleration_mps2, target.acceleration_mps2
         lag_s = r.throttle_lag_s if soon + self._drag_mps2 >= 0.0 else r.brake_lag_s
         needed = now + (soon - now) / lag_share(lag_s, self._dt_s) + self._drag_mps2
         throttle = min(max(needed / r.throttle_mps2, 0.0), 1.0)
@@ -153,18 +153,18 @@ def response_problems(response: Response, stop_mps2: float, reaction_s: float) -
         stop_mps2: with which the site has its objects stop.
         reaction_s: the site's bound from an abort until an object becomes slower.
     """
-    r, found = response, []
+    r, problems = response, []
     if r.throttle_mps2 < _LEAST_MPS2:
-        found.append(f"full throttle gives {r.throttle_mps2:.2f} m/s^2")
+        problems.append(f"full throttle gives {r.throttle_mps2:.2f} m/s^2")
     if r.brake_mps2 < stop_mps2:
-        found.append(
+        problems.append(
             f"full brake gives {r.brake_mps2:.2f} m/s^2, limits.stop_deceleration_mps2 is "
             f"{stop_mps2:g}"
         )
     if r.brake_lag_s > reaction_s:
-        found.append(
+        problems.append(
             f"its brake takes {r.brake_lag_s:.2f} s, limits.stop_reaction_s is {reaction_s:g}"
         )
     if r.steer_1pm < _LEAST_1PM:
-        found.append(f"its wheel, turned by a tenth, gives {0.1 * r.steer_1pm:.4f} 1/m")
-    return found
+        problems.append(f"its wheel, turned by a tenth, gives {0.1 * r.steer_1pm:.4f} 1/m")
+    return problems

@@ -120,8 +120,10 @@ class Track:
 
     def curvatures(self, times_s: FloatArray) -> FloatArray:
         """Return curvatures at times after execute_at; those of both ends before and after."""
-        found: FloatArray = np.interp(times_s, self.reference.columns[0], self._table[:, 5])
-        return found
+        curvatures_1pm: FloatArray = np.interp(
+            times_s, self.reference.columns[0], self._table[:, 5]
+        )
+        return curvatures_1pm
 
     def seconds(self, t_ns: int) -> float:
         """Return a session time in s after execute_at."""
@@ -375,8 +377,8 @@ class Tracker:
         stands = now.point.speed_mps < _STANDSTILL_MPS and soon_mps < _STANDSTILL_MPS
         if self._walker:
             # Standstill: brake out what speed is left, and never creep towards the point.
-            held = Command(-_HOLD_MPS2, 0.0, now.point.yaw_rad)
-            return held if stands else self._walk(now), now.error
+            hold_command = Command(-_HOLD_MPS2, 0.0, now.point.yaw_rad)
+            return hold_command if stands else self._walk(now), now.error
         if stands:
             return Command(-_HOLD_MPS2, self._steer(now), state.yaw_rad), now.error
         return Command(self._accelerate(now), self._steer(now), now.point.yaw_rad), now.error
@@ -494,6 +496,6 @@ class Tracker:
         change = soon.acceleration_mps2 - point.acceleration_mps2
         forward = point.acceleration_mps2 + change / self._acceleration_share
         heading = wrap_angle(soon.yaw_rad + math.atan2(across, max(along, 0.2)))
-        wanted = math.hypot(max(along, 0.0), across) if along > 0.0 else 0.0
-        acceleration = forward + _WALKER_SPEED_1PS * (wanted - now.state.speed_mps)
+        target_mps = math.hypot(max(along, 0.0), across) if along > 0.0 else 0.0
+        acceleration = forward + _WALKER_SPEED_1PS * (target_mps - now.state.speed_mps)
         return Command(self._bounded(acceleration), 0.0, heading)

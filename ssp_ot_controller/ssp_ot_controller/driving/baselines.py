@@ -150,13 +150,13 @@ class Oracle(_Keeping):
 
     def answer(self, question: Question) -> Answer:
         """Answer one question."""
-        known = question.privileged
+        privileged_truth = question.privileged
         keeps = self.keep(question)
-        if known is None or known.observable_ns is None:
+        if privileged_truth is None or privileged_truth.observable_ns is None:
             return keeps
-        if question.stamp_ns < known.observable_ns:
+        if question.stamp_ns < privileged_truth.observable_ns:
             return keeps
-        vut = next(s for s in known.truths if s.role is Role.VUT)
+        vut = next(s for s in privileged_truth.truths if s.role is Role.VUT)
         return lane_plan(question, LIMITS[vut.object_class].deceleration_mps2)
 
 
@@ -230,8 +230,8 @@ def make_driver(name: str, options: Mapping[str, Any]) -> PlanDriver | None:
     """Return a baseline, see ssp_core.world.driver.make_driver."""
     kind: Any = BASELINES.get(name)
     if not is_known(name):
-        known = ", ".join(known_names())
-        raise InputError("is no driver", field="driver", value=name, remedy=f"there is {known}")
+        names = ", ".join(known_names())
+        raise InputError("is no driver", field="driver", value=name, remedy=f"there is {names}")
     if kind is None:
         if options:
             raise InputError(
@@ -241,5 +241,5 @@ def make_driver(name: str, options: Mapping[str, Any]) -> PlanDriver | None:
                 remedy="leave them out",
             )
         return None
-    made: PlanDriver = kind(parse_model(kind.Options, dict(options), f"the options of {name}"))
-    return made
+    driver: PlanDriver = kind(parse_model(kind.Options, dict(options), f"the options of {name}"))
+    return driver

@@ -70,11 +70,11 @@ class QuestionFrames:
         """Return frames by their index in ``stamps_ns``."""
         return tuple(self._drawn(self._scenes[i]) for i in indices)
 
-    def _drawn(self, seen: _Seen) -> SeenFrame:
-        if seen.frame is None:
-            jpeg = self._drawing.draw(seen.scene, seen.step, seen.stamp_ns).jpeg
-            seen.frame = SeenFrame(seen.stamp_ns, jpeg)
-        return seen.frame
+    def _drawn(self, record: _Seen) -> SeenFrame:
+        if record.frame is None:
+            jpeg = self._drawing.draw(record.scene, record.step, record.stamp_ns).jpeg
+            record.frame = SeenFrame(record.stamp_ns, jpeg)
+        return record.frame
 
 
 class FreshFrames:
@@ -102,9 +102,9 @@ class FreshFrames:
         """
         stamps = [frame.stamp_ns for frame in frames]
         if not stamps or stamps[-1] != stamp_ns or sorted(set(stamps)) != stamps:
-            shown = ", ".join(f"{ns_to_seconds(one):.3f}" for one in stamps) or "none"
+            times_text = ", ".join(f"{ns_to_seconds(one):.3f}" for one in stamps) or "none"
             raise PeerError(
-                f"the frames of {shown} s are not those of a question about "
+                f"the frames of {times_text} s are not those of a question about "
                 f"{ns_to_seconds(stamp_ns):.3f} s"
             )
         at = {state.stamp_ns: (state.x_m, state.y_m) for state in states}

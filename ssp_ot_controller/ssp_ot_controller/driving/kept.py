@@ -43,12 +43,12 @@ class KeptModel:
         Raises:
             HostError: the disk doesn't take it.
         """
-        asked, given = report.asked, report.given
-        if asked is None or given is None:
+        question, answer = report.asked, report.given
+        if question is None or answer is None:
             return
-        if self._is_aborted and given.ended:
-            given = GivenAnswer(Answer(None, refused=CUT_OFF), given.latency)
-        append_answer(self._answers, RecordedAnswer(asked.sha256, given))
+        if self._is_aborted and answer.ended:
+            answer = GivenAnswer(Answer(None, refused=CUT_OFF), answer.latency)
+        append_answer(self._answers, RecordedAnswer(question.sha256, answer))
 
     def ending(self, report: DriveReport) -> str:
         """Return why the model has ended by itself; empty: it goes on, or an abort ended it."""

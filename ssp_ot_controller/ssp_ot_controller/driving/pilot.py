@@ -78,8 +78,8 @@ class PlansInEffect:
 
     def if_new(self, reference: Reference) -> Reference | None:
         """Return a reference that is tracked now; None where it was tracked in the step before."""
-        known, self._tracked = self._tracked, reference
-        return None if reference is known else reference
+        previous, self._tracked = self._tracked, reference
+        return None if reference is previous else reference
 
 
 class Cruise:
@@ -103,8 +103,8 @@ class Cruise:
         """Return the command that holds the speed."""
         held_mps = self.see(vut)
         bounds = LIMITS[vut.object_class]
-        wanted = _HOLD_1PS * (held_mps - vut.speed_mps)
-        acceleration = min(max(wanted, -bounds.deceleration_mps2), bounds.acceleration_mps2)
+        target_mps2 = _HOLD_1PS * (held_mps - vut.speed_mps)
+        acceleration = min(max(target_mps2, -bounds.deceleration_mps2), bounds.acceleration_mps2)
         station_m, _ = self._path.project_beyond(vut.x_m, vut.y_m)
         curvature = steer(vut, self._path, station_m) + self._bend_1pm(vut, station_m)
         return Command(acceleration, curvature, vut.yaw_rad)
@@ -185,11 +185,11 @@ class Pilot:
         if questions is None:
             return self._commanded(now_ns, vut)
         questions.see(step, now_ns, truths)
-        answered, asked, given = self._take_due(questions, now_ns), None, None
+        answered, question, answer = self._take_due(questions, now_ns), None, None
         if step % self._frame_steps == 0:
             questions.remember(vut)
             if questions.may_ask and now_ns >= self._first_ns:
-                asked, given = questions.ask(now_ns, vut, self._route(vut), truths)
+                question, answer = questions.ask(now_ns, vut, self._route(vut), truths)
                 # Without latency it is effective in the step of its frame.
                 answered = self._take_due(questions, now_ns) or answered
         mode, reference, fresh = DriveMode.COMMAND, self._approach, None
@@ -198,7 +198,7 @@ class Pilot:
             fresh = self._plans.if_new(reference)
         command, _ = self._tracker.track(vut, reference, now_ns)
         ended, ends_with = questions.ended, questions.ends_with
-        return command, DriveReport(mode, answered, fresh, asked, given, ended, ends_with)
+        return command, DriveReport(mode, answered, fresh, question, answer, ended, ends_with)
 
     def lead(
         self,

@@ -214,7 +214,7 @@ def _back_m(plan: _SampledPlan) -> float:
 def _points(plan: _SampledPlan, pose: Pose2, step_s: float) -> FloatArray:
     speed = plan.speed_mps
     fast = speed >= PLAN_LIMITS.held_mps
-    yaw = _held(np.arctan2(plan.vy_mps, plan.vx_mps), fast)
+    yaw = _forward_fill(np.arctan2(plan.vy_mps, plan.vx_mps), fast)
     along = np.cos(yaw) * plan.vx_mps + np.sin(yaw) * plan.vy_mps
     with np.errstate(divide="ignore", invalid="ignore"):
         turning = (plan.vx_mps * plan.ay_mps2 - plan.vy_mps * plan.ax_mps2) / speed**3
@@ -233,11 +233,11 @@ def _points(plan: _SampledPlan, pose: Pose2, step_s: float) -> FloatArray:
     return np.hstack([rows, _tail(rows[:, -1], step_s)])
 
 
-def _held(yaw: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
+def _forward_fill(yaw: FloatArray, is_known: NDArray[np.bool_]) -> FloatArray:
     """Return the angles with unknown ones replaced by the last known one, 0 before the first."""
-    last = np.maximum.accumulate(np.where(known, np.arange(len(yaw)), -1))
-    held: FloatArray = np.where(last >= 0, yaw[np.maximum(last, 0)], 0.0)
-    return held
+    last = np.maximum.accumulate(np.where(is_known, np.arange(len(yaw)), -1))
+    angles: FloatArray = np.where(last >= 0, yaw[np.maximum(last, 0)], 0.0)
+    return angles
 
 
 def _tail(last: FloatArray, step_s: float) -> FloatArray:

@@ -74,8 +74,8 @@ class Questions:
         self._observable_s = driven.observable_s
         self._driver = driver
         # None: it is measured.
-        given = driven.latency
-        self._latency_ns = None if given.measured else seconds_to_ns(given.seconds)
+        latency = driven.latency
+        self._latency_ns = None if latency.measured else seconds_to_ns(latency.seconds)
         self._frames, self._fresh = frames, FreshFrames()
         kept_s = HISTORY_S
         if isinstance(driver, SeeingDriver):
@@ -133,24 +133,26 @@ class Questions:
         )
         driver = self._driver
         if isinstance(driver, SeeingDriver):
-            given = driver.give(question)
+            answer = driver.give(question)
         else:
-            given = self._computed(driver, question, truths)
-        latency_ns = given.latency.total_ns if self._latency_ns is None else self._latency_ns
-        self._open = _Open(question, given, vut, latency_ns)
-        return question, given
+            answer = self._computed(driver, question, truths)
+        latency_ns = answer.latency.total_ns if self._latency_ns is None else self._latency_ns
+        self._open = _Open(question, answer, vut, latency_ns)
+        return question, answer
 
     def _computed(
         self, driver: PlanDriver, question: Question, truths: Sequence[ObjectState]
     ) -> GivenAnswer:
         """Ask a driver that computes here: it takes no time."""
-        shown = question
+        driver_question = question
         if driver.privileged:
             observable_s = self._observable_s
             observable_ns = None if observable_s is None else seconds_to_ns(observable_s)
-            shown = replace(question, privileged=PrivilegedTruth(tuple(truths), observable_ns))
+            driver_question = replace(
+                question, privileged=PrivilegedTruth(tuple(truths), observable_ns)
+            )
         try:
-            return GivenAnswer(driver.answer(shown))
+            return GivenAnswer(driver.answer(driver_question))
         except (Exception, SystemExit) as error:  # whatever a driver raises is the driver's end
             return GivenAnswer(None, ended=_words(error))
 

@@ -43,22 +43,22 @@ def parse_bodies(
     Raises:
         InputError: not of that form, or not exactly one for each object.
     """
-    wanted = sorted(object_ids)
-    found: dict[str, tuple[str, int] | IsoAddress | None] = {}
+    required_ids = sorted(object_ids)
+    bodies: dict[str, tuple[str, int] | IsoAddress | None] = {}
     for entry in filter(None, (part.strip() for part in text.split(","))):
         object_id, _, address = entry.partition("=")
         udp, iso = udp_body(address), IsoAddress.parse(address)
         if address != MIRROR and iso is None and udp is None:
             raise InputError("is no body", field=_FIELD, value=entry, remedy=_REMEDY)
-        if object_id in found or object_id not in wanted:
+        if object_id in bodies or object_id not in required_ids:
             raise InputError(
-                "has a body already" if object_id in found else "is no object of this process",
+                "has a body already" if object_id in bodies else "is no object of this process",
                 field=_FIELD,
                 value=object_id,
-                remedy=f"give one body for each of {', '.join(wanted)}",
+                remedy=f"give one body for each of {', '.join(required_ids)}",
             )
-        found[object_id] = iso or udp
-    missing = [object_id for object_id in wanted if object_id not in found]
+        bodies[object_id] = iso or udp
+    missing = [object_id for object_id in required_ids if object_id not in bodies]
     if missing:
         raise InputError(
             f"{', '.join(missing)} has no body",
@@ -66,7 +66,7 @@ def parse_bodies(
             value=text,
             remedy=f"a live run needs one for each object: {_REMEDY}",
         )
-    return found
+    return bodies
 
 
 def check_undisturbed(run: RunSpec, object_ids: Iterable[str]) -> None:
@@ -176,8 +176,8 @@ class LiveObjects:
         for object_id, one in self._objects.items():
             if refused := one.read(now_ns):
                 self._warn(f"{object_id}: {refused}")
-        found = [one.step(now_ns, only_new=only_new) for _, one in sorted(self._objects.items())]
-        truths = tuple(state for state in found if state is not None)
+        states = [one.step(now_ns, only_new=only_new) for _, one in sorted(self._objects.items())]
+        truths = tuple(state for state in states if state is not None)
         return WorldTick(now_ns, self._step, True, False, 0, 0, truths)
 
     def check(self, pool: ObjectPool, among: Iterable[str] | None = None) -> None:

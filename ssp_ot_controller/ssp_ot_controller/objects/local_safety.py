@@ -98,7 +98,7 @@ def lost_its_place(
 
 
 def decide(
-    seen: SafetyInputs,
+    inputs: SafetyInputs,
     *,
     now_ns: int,
     control_state: ControlState,
@@ -113,7 +113,7 @@ def decide(
     brakes for another reason leaves its reference and brakes harder than one.
 
     Args:
-        seen: measured values of the step.
+        inputs: measured values of the step.
         now_ns: on the object's clock.
         control_state: of the object.
         limits: of the run.
@@ -122,19 +122,21 @@ def decide(
         return None
     running = control_state is ControlState.RUNNING
     passed = (
-        judge.heartbeat_lost(seen.heartbeat_age_s, limits)
-        or _foreign_manager(seen.other_managers)
-        or seen.lost
-        or judge.outside_geofence(seen.outside_m)
-        or judge.over_speed(seen.state, limits)
-        or judge.duration(seen.running_s, limits)
+        judge.heartbeat_lost(inputs.heartbeat_age_s, limits)
+        or _foreign_manager(inputs.other_managers)
+        or inputs.lost
+        or judge.outside_geofence(inputs.outside_m)
+        or judge.over_speed(inputs.state, limits)
+        or judge.duration(inputs.running_s, limits)
     )
     if passed is None and control_state in _MOVING:
-        passed = _too_close(seen, limits)
+        passed = _too_close(inputs, limits)
     if passed is None and running:
-        passed = _refused(seen.refused) or _stopping_room(seen.room_excess_m)
-    if passed is None and not is_idle(control_state, seen.reference, now_ns):
-        passed = judge.over_acceleration(seen.state, limits) or _off_reference(seen.error, limits)
+        passed = _refused(inputs.refused) or _stopping_room(inputs.room_excess_m)
+    if passed is None and not is_idle(control_state, inputs.reference, now_ns):
+        passed = judge.over_acceleration(inputs.state, limits) or _off_reference(
+            inputs.error, limits
+        )
     return passed
 
 
@@ -150,9 +152,9 @@ def _stopping_room(excess_m: float) -> LimitViolation | None:
     return None if excess_m <= 0.0 else LimitViolation(SafetyCode.STOPPING_ROOM, excess_m, 0.0)
 
 
-def _too_close(seen: SafetyInputs, limits: Limits) -> LimitViolation | None:
-    for other in seen.others:
-        passed = judge.separation(seen.state, other, limits)
+def _too_close(inputs: SafetyInputs, limits: Limits) -> LimitViolation | None:
+    for other in inputs.others:
+        passed = judge.separation(inputs.state, other, limits)
         if passed is not None:
             return passed
     return None

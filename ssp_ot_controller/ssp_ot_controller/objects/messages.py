@@ -98,25 +98,25 @@ class MessageBuffer:
             holding: the world holds at step 0. A heartbeat that starts the run is then left for
                 the first step, so that the start falls on the same step every time.
         """
-        taken: list[Heartbeat] = []
+        beats: list[Heartbeat] = []
         while self._beats:
             beat = self._beats[0]
             if up_to is not None and beat.sequence > up_to:
                 break
             if holding and beat.session_state is SessionPhase.RUNNING:
                 break
-            taken.append(self._beats.pop(0))
-        return taken
+            beats.append(self._beats.pop(0))
+        return beats
 
     def references(self, object_id: str) -> list[Reference]:
         """Take out the references to an object, in the order of arrival."""
-        taken, self._references[object_id] = self._references[object_id], []
-        return taken
+        arrivals, self._references[object_id] = self._references[object_id], []
+        return arrivals
 
     def states(self) -> list[ObjectState]:
         """Take out the states of others, in the order of arrival."""
-        taken, self._states = self._states, []
-        return taken
+        arrivals, self._states = self._states, []
+        return arrivals
 
     def _complete(self, tick: WorldTick) -> bool:
         if self._vut_states < tick.vut_states_sent:
@@ -127,8 +127,8 @@ class MessageBuffer:
         beat = self._last_beat
         if beat is None or beat.sequence < heartbeat:
             return False
-        named = next((b for b in self._beats if b.sequence == heartbeat), beat)
-        return all(self._received[i] >= named.references_sent.get(i, 0) for i in self._ids)
+        tick_beat = next((b for b in self._beats if b.sequence == heartbeat), beat)
+        return all(self._received[i] >= tick_beat.references_sent.get(i, 0) for i in self._ids)
 
 
 # A stranger counts for so long after its last heartbeat.
@@ -220,7 +220,7 @@ class NearbyObjects:
 
     def near(self, own: ObjectState) -> list[ObjectState]:
         """List the objects that may be too close, by id, led on to the stamp of the own state."""
-        found = []
+        neighbours = []
         x, y, mine_m = own.x_m, own.y_m, own.size.reach_m + self._separation_m
         for its_x, its_y, far_m, state in self._heard.values():
             near_m = mine_m + far_m
@@ -234,8 +234,8 @@ class NearbyObjects:
             # As far as it can have come in this time.
             near_m += abs(state.speed_mps) * (abs(ns_to_seconds(age_ns)) - self._age_s)
             if (x - its_x) ** 2 + (y - its_y) ** 2 <= near_m * near_m:
-                found.append(state.extrapolated(own.stamp_ns))
-        return sorted(found, key=lambda state: state.object_id)
+                neighbours.append(state.extrapolated(own.stamp_ns))
+        return sorted(neighbours, key=lambda state: state.object_id)
 
 
 # In lockstep a manager may beat a thousand times a second; more answers would measure nothing more.

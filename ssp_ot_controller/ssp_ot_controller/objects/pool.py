@@ -145,10 +145,10 @@ class _Member:
         # While armed they wait for the start, which may be under way on another topic.
         if not self.references or self.target.state is ControlState.ARMED:
             return []
-        taken, self.references = self.references, []
+        references, self.references = self.references, []
         return [
             _acknowledged(r, self.target.on_reference(r, now_ns) if active else _INACTIVE, now_ns)
-            for r in taken
+            for r in references
         ]
 
 
@@ -166,17 +166,17 @@ class ObjectPool:
     """
 
     def __init__(self, run: RunSpec, object_ids: Iterable[str] = (), steady_ns: int = 0) -> None:
-        known = [t.id for t in run.targets]
-        wanted = list(object_ids)
-        unknown = sorted(set(wanted) - set(known))
+        run_ids = [t.id for t in run.targets]
+        requested_ids = list(object_ids)
+        unknown = sorted(set(requested_ids) - set(run_ids))
         if unknown:
             raise InputError(
                 "not in the run",
                 field="parameter object_ids",
                 value=", ".join(unknown),
-                remedy=f"the run has {', '.join(known)}",
+                remedy=f"the run has {', '.join(run_ids)}",
             )
-        self.object_ids = tuple(sorted(set(wanted or known)))
+        self.object_ids = tuple(sorted(set(requested_ids or run_ids)))
         self._members = {i: _Member(i, run) for i in self.object_ids}
         self.active = True
         self._buffer = MessageBuffer(self.object_ids)
@@ -277,11 +277,11 @@ class ObjectPool:
         truths = {state.object_id: state for state in tick.objects}
         holding = tick.lockstep and not tick.running and tick.step == 0
         beats = self._buffer.heartbeats(tick.heartbeat if in_step(tick) else None, holding)
-        heard = self._buffer.states()
+        other_states = self._buffer.states()
         if self._driven:
             # Nothing that an object does depends on a driven VUT (METHOD 8.2).
-            heard = [state for state in heard if state.object_id != VUT_ID]
-        self._nearby.take(heard)
+            other_states = [state for state in other_states if state.object_id != VUT_ID]
+        self._nearby.take(other_states)
         strangers = self._arbiter.strangers(steady_ns)
         commands: list[tuple[str, Command]] = []
         states: list[ObjectState] = []

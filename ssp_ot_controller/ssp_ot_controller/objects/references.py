@@ -40,21 +40,21 @@ def contradiction(columns: FloatArray) -> str | None:
 
 def _said_m(columns: FloatArray) -> FloatArray:
     t, speed = columns[0], columns[4]
-    said: FloatArray = 0.5 * (speed[:-1] + speed[1:]) * np.diff(t)
-    return said
+    travel_m: FloatArray = 0.5 * (speed[:-1] + speed[1:]) * np.diff(t)
+    return travel_m
 
 
 def _of_steps(columns: FloatArray) -> str | None:
     moved = np.hypot(np.diff(columns[1]), np.diff(columns[2]))
-    said = _said_m(columns)
-    gap = np.abs(moved - said)
-    i = int(np.argmax(gap - _STEP_SHARE * said))
-    allowed = _STEP_M + _STEP_SHARE * said[i]
+    travel_m = _said_m(columns)
+    gap = np.abs(moved - travel_m)
+    i = int(np.argmax(gap - _STEP_SHARE * travel_m))
+    allowed = _STEP_M + _STEP_SHARE * travel_m[i]
     if gap[i] <= allowed:
         return None
     return (
         f"from point {i} to {i + 1} it moves {moved[i]:.3f} m while its speeds say "
-        f"{said[i]:.3f} m, limit is {allowed:.3f} m apart"
+        f"{travel_m[i]:.3f} m, limit is {allowed:.3f} m apart"
     )
 
 
@@ -75,13 +75,13 @@ def _of_speeds(columns: FloatArray) -> str | None:
 
 def _of_headings(columns: FloatArray) -> str | None:
     _, x, y, yaw = columns[:4]
-    said = _said_m(columns)
+    travel_m = _said_m(columns)
     middle = yaw[:-1] + 0.5 * (np.mod(np.diff(yaw) + np.pi, 2.0 * np.pi) - np.pi)
     away = np.hypot(
-        x[1:] - x[0] - np.cumsum(said * np.cos(middle)),
-        y[1:] - y[0] - np.cumsum(said * np.sin(middle)),
+        x[1:] - x[0] - np.cumsum(travel_m * np.cos(middle)),
+        y[1:] - y[0] - np.cumsum(travel_m * np.sin(middle)),
     )
-    allowed = _AWAY_M + _AWAY_SHARE * np.cumsum(said)
+    allowed = _AWAY_M + _AWAY_SHARE * np.cumsum(travel_m)
     over = away - allowed
     i = int(np.argmax(over > 0.0))
     if over[i] <= 0.0:

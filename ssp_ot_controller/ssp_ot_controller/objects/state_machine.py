@@ -40,8 +40,8 @@ class IllegalTransition(PeerError):
     def __init__(self, state: ControlState, event: ObjectEvent) -> None:
         self.state = state
         self.event = event
-        known = ", ".join(e.name for e in TABLE[state])
-        super().__init__(f"{event.name} is not possible in {state.name} (possible: {known})")
+        event_names = ", ".join(e.name for e in TABLE[state])
+        super().__init__(f"{event.name} is not possible in {state.name} (possible: {event_names})")
 
 
 _ALWAYS: dict[ObjectEvent, ControlState] = {
@@ -139,20 +139,20 @@ def cannot_arm(
         body: what a body with a control state of its own is found to be.
     """
     ours, limit_s = run.event_version, ARMING_SHARE * run.limits.heartbeat_s
-    found = []
+    reasons = []
     code = REFUSED_LASTING if body.lasting else REFUSED_CONDITION
     if event_version != ours:
         code = REFUSED_VERSION
-        found.append(
+        reasons.append(
             f"this object has K* version {ours[:19]}..., the manager {event_version[:19]}..."
         )
     if not heartbeat_age_s <= limit_s:
         silent_s = f"{heartbeat_age_s:.2g} s, limit {limit_s:g} s"
-        found.append(f"no heartbeat of the manager for {silent_s}")
+        reasons.append(f"no heartbeat of the manager for {silent_s}")
     if other_managers:
-        found.append(f"{other_managers} other manager(s) send heartbeats too")
-    found += body.cannot_arm
-    return CommandResponse(False, code, "; ".join(found)) if found else None
+        reasons.append(f"{other_managers} other manager(s) send heartbeats too")
+    reasons += body.cannot_arm
+    return CommandResponse(False, code, "; ".join(reasons)) if reasons else None
 
 
 def other_rules(ours: str, compared: str) -> CommandResponse | None:
@@ -164,6 +164,6 @@ def other_rules(ours: str, compared: str) -> CommandResponse | None:
     """
     if compared == ours:
         return None
-    known = f"knows {compared[:19]}..." if compared else "doesn't say what it knows"
-    text = f"this object judges by the rules {ours[:19]}..., the manager {known}"
+    knowledge = f"knows {compared[:19]}..." if compared else "doesn't say what it knows"
+    text = f"this object judges by the rules {ours[:19]}..., the manager {knowledge}"
     return CommandResponse(False, REFUSED_VERSION, text)

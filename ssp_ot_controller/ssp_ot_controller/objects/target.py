@@ -301,9 +301,9 @@ class Target:
 
     def _body_violation(self) -> LimitViolation | None:
         """Find a violation by the body itself; each is reported once."""
-        found, told = self.body.violation, self._told
-        self._told = found
-        return None if found == told else found
+        violation, last_violation = self.body.violation, self._told
+        self._told = violation
+        return None if violation == last_violation else violation
 
     def _running_s(self, now_ns: int) -> float:
         """Return the time since the first step in RUNNING, 0 elsewhere."""

@@ -140,20 +140,20 @@ def main(
             with ProcessGroup(environment, Path(logs), owns_domain=False) as group:
                 for name, parameters in nodes.items():
                     if name in played:
-                        module, given = f"played_{name}", {"run_file": run_file, **parameters}
+                        module, arguments = f"played_{name}", {"run_file": run_file, **parameters}
                         group.start_node(
-                            module, f"ssp_ot_controller.ros.{module}", given, remappings
+                            module, f"ssp_ot_controller.ros.{module}", arguments, remappings
                         )
                 where = gnss if navsat is not None else {"odometry": odometry}
                 options = [
                     f"--{name} {shlex.quote(topic)}" for name, topic in where.items() if topic
                 ]
-                told = options if "vut" in parts else []
-                told += [f"--remap {shlex.quote(rule)}" for rule in remappings]
+                run_options = options if "vut" in parts else []
+                run_options += [f"--remap {shlex.quote(rule)}" for rule in remappings]
                 kind = PlayedIsoObjects if "iso" in parts else PlayedBodies
                 opened = {"bodies", "iso"} & set(parts)
                 bodies = partial(kind, run, host, first_port, log) if opened else None
-                return _play(group, bodies, told, what if whole else None)
+                return _play(group, bodies, run_options, what if whole else None)
     except SspError as error:
         report_error(str(error))
         return 1
@@ -162,7 +162,7 @@ def main(
 def _play(
     group: ProcessGroup,
     open_bodies: Callable[[], PlayedBodies | PlayedIsoObjects] | None,
-    told: list[str],
+    run_options: list[str],
     what: Path | None,
 ) -> int:
     """Play until something ends.
@@ -170,7 +170,7 @@ def _play(
     Args:
         group: processes of the parts.
         open_bodies: listens for the objects; None: they aren't played.
-        told: options of `ssp run` that reach the rest.
+        run_options: options of `ssp run` that reach the rest.
         what: folder of the run where all of it is played: the whole command is said; None: not.
     """
     stop = threading.Event()
@@ -185,17 +185,17 @@ def _play(
         if what is not None and what.is_dir():
             click.echo("to begin the session, in another terminal with the same environment:")
             where = shlex.quote(str(what))
-            said = " ".join(options)
-            click.echo(f"  {own_command()} run {where} --mode live --wait --page {said}")
+            option_text = " ".join(options)
+            click.echo(f"  {own_command()} run {where} --mode live --wait --page {option_text}")
         click.echo("playing; Ctrl-C ends it")
 
     if open_bodies is None:
-        tell(told)
+        tell(run_options)
         while not over():
             stop.wait(0.05)
     else:
         with open_bodies() as bodies:
-            tell([*told, *(f"--body {i}={where}" for i, where in bodies.addresses.items())])
+            tell([*run_options, *(f"--body {i}={where}" for i, where in bodies.addresses.items())])
             bodies.serve(over)
     for node in group.ended():
         report_error(f"{node.name} {node.describe_exit()}\n{node.log_tail()}")

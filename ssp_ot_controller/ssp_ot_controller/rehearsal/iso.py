@@ -91,13 +91,13 @@ def _of_run(path: Path, object_id: str | None, now_ns: int) -> IsoObject:
     run_file = path / RUN_FILE if path.is_dir() else path
     run = load_run(run_file)
     ids = [target.id for target in run.targets]
-    wanted = object_id or (ids[0] if len(ids) == 1 else None)
-    if wanted not in ids:
+    target_id = object_id or (ids[0] if len(ids) == 1 else None)
+    if target_id not in ids:
         raise InputError(
-            "is no object target of this run" if wanted else "isn't given",
+            "is no object target of this run" if target_id else "isn't given",
             file=run_file,
             field="--object",
-            value=wanted,
+            value=target_id,
             remedy=f"name one of {', '.join(ids)}",
         )
-    return object_of_run(run, wanted, now_ns)
+    return object_of_run(run, target_id, now_ns)

@@ -161,8 +161,8 @@ class FaultyObject:
             if not isinstance(frame, Frame):
                 self._played.on_tcp(frame.evidence, now_ns)
                 continue
-            found = decode(frame)
-            message = found.message if isinstance(found, DecodedMessage) else None
+            outcome = decode(frame)
+            message = outcome.message if isinstance(outcome, DecodedMessage) else None
             if isinstance(message, Dreq) and self._has("no_dres", now_ns) is not None:
                 continue
             if isinstance(message, Strt) and self._has("early_start", now_ns) is not None:
@@ -174,13 +174,13 @@ class FaultyObject:
         if self._has("two_centres", now_ns) is not None and self.link.address is not None:
             address = self.link.address
         for frame in frames_of(data):
-            found = decode(frame) if isinstance(frame, Frame) else None
-            if isinstance(found, DecodedMessage) and isinstance(found.message, Heab):
-                self._aborted = found.message.status == CentreStatus.ABORT
+            outcome = decode(frame) if isinstance(frame, Frame) else None
+            if isinstance(outcome, DecodedMessage) and isinstance(outcome.message, Heab):
+                self._aborted = outcome.message.status == CentreStatus.ABORT
                 if self._aborted and self._has("deaf_to_abort", now_ns) is not None:
-                    data = _again(found.header, replace(found.message, status=self._status))
+                    data = _again(outcome.header, replace(outcome.message, status=self._status))
                 else:
-                    self._status = found.message.status
+                    self._status = outcome.message.status
                 self._beat_ns = now_ns
         self._played.on_udp(data, address, now_ns)
 
@@ -212,19 +212,19 @@ class FaultyObject:
         self.advance(now_ns)
         for sent in self._played.take_sent(now_ns):
             self._out.append((now_ns + self._delay_ns(now_ns), self._changed(sent, now_ns)))
-        found: list[OutgoingFrame] = []
+        frames: list[OutgoingFrame] = []
         cut = self._is_cut(now_ns)
         if cut:
             self._out = deque(due for due in self._out if not due[1].udp)
         while self._out and self._out[0][0] <= now_ns and not cut:
-            found.append(self._out.popleft()[1])
+            frames.append(self._out.popleft()[1])
         if self._has("fragments", now_ns) is None:
-            return found
-        for sent in (one for one in found if not one.udp):
+            return frames
+        for sent in (one for one in frames if not one.udp):
             starts = range(0, len(sent.data), _PIECE_BYTES)
             self._pieces += (OutgoingFrame(False, sent.data[i : i + _PIECE_BYTES]) for i in starts)
         piece = [self._pieces.popleft()] if self._pieces else []
-        return [*(one for one in found if one.udp), *piece]
+        return [*(one for one in frames if one.udp), *piece]
 
     def _changed(self, sent: OutgoingFrame, now_ns: int) -> OutgoingFrame:
         data = bytearray(sent.data)
@@ -233,9 +233,9 @@ class FaultyObject:
         changes = self._changes(now_ns)
         if sent.udp and changes:
             (frame,) = frames_of(sent.data)
-            found = decode(frame) if isinstance(frame, Frame) else None
-            if isinstance(found, DecodedMessage) and isinstance(found.message, Monr):
-                data = bytearray(_again(found.header, replace(found.message, **changes)))
+            outcome = decode(frame) if isinstance(frame, Frame) else None
+            if isinstance(outcome, DecodedMessage) and isinstance(outcome.message, Monr):
+                data = bytearray(_again(outcome.header, replace(outcome.message, **changes)))
         if self._has("wrong_version", now_ns) is not None:
             data[_VERSION_AT] += 1
         return OutgoingFrame(sent.udp, _with_checksum(bytes(data)))

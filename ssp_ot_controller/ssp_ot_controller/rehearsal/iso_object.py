@@ -227,35 +227,37 @@ class IsoObject:
         if not self.link.is_from_centre(address):
             return
         for frame in frames_of(data):
-            found = decode(frame) if isinstance(frame, Frame) else frame
-            if isinstance(found, RejectedBytes):
-                self.link.note(f"datagram refused: {found.reason.value}: {found.text}")
-            elif isinstance(found.message, Heab):
+            outcome = decode(frame) if isinstance(frame, Frame) else frame
+            if isinstance(outcome, RejectedBytes):
+                self.link.note(f"datagram refused: {outcome.reason.value}: {outcome.text}")
+            elif isinstance(outcome.message, Heab):
                 self.link.address = address
-                self._on_heab(found.message)
+                self._on_heab(outcome.message)
             else:
-                self.link.note(f"{type(found.message).__name__} by UDP isn't heard")
+                self.link.note(f"{type(outcome.message).__name__} by UDP isn't heard")
 
     def _take(self, frames: list[Frame | RejectedBytes]) -> None:
         for frame in frames:
-            found = decode(frame) if isinstance(frame, Frame) else frame
-            if isinstance(found, RejectedBytes):
-                self.link.note(f"refused: {found.reason.value}: {found.text}")
+            outcome = decode(frame) if isinstance(frame, Frame) else frame
+            if isinstance(outcome, RejectedBytes):
+                self.link.note(f"refused: {outcome.reason.value}: {outcome.text}")
                 if isinstance(frame, Frame):
-                    self.link.answer(frame.header, invalid(found.text))
+                    self.link.answer(frame.header, invalid(outcome.text))
                 continue
-            handler = _HANDLERS.get(type(found.message))
-            name = type(found.message).__name__.upper()
-            if isinstance(found.message, Opaque):
-                name = f"message 0x{found.message.message_id:02X}"
+            handler = _HANDLERS.get(type(outcome.message))
+            name = type(outcome.message).__name__.upper()
+            if isinstance(outcome.message, Opaque):
+                name = f"message 0x{outcome.message.message_id:02X}"
             refused = (
-                unsupported("isn't supported") if handler is None else handler(self, found.message)
+                unsupported("isn't supported")
+                if handler is None
+                else handler(self, outcome.message)
             )
             if refused is not None:
                 self.link.note(f"{name} refused: {refused.text}")
-            elif not isinstance(found.message, Dreq):
+            elif not isinstance(outcome.message, Dreq):
                 self.link.note(f"{name} taken")
-            self.link.answer(found.header, refused)
+            self.link.answer(outcome.header, refused)
 
     # -- messages ------------------------------------------------------------------------------
 
@@ -289,10 +291,10 @@ class IsoObject:
             return unsupported(f"info {traj.info}, only relative to the origin")
         if traj.line_info not in (None, END_OF_TRANSMISSION):
             return unsupported(f"line info {traj.line_info}, only whole trajectories")
-        found = points_of(traj, Datum(Place(0.0, 0.0)))
-        if isinstance(found, RejectedBytes):
-            return invalid(found.text)
-        points = self._in_map(found)
+        enu_points = points_of(traj, Datum(Place(0.0, 0.0)))
+        if isinstance(enu_points, RejectedBytes):
+            return invalid(enu_points.text)
+        points = self._in_map(enu_points)
         name = self._planned.name_of(traj)
         if running and self.started_ns is not None:
             return self._drive(points, name, self.started_ns)
@@ -312,11 +314,11 @@ class IsoObject:
 
     def _reference(self, points: Points, name: str, execute_at_ns: int) -> Reference:
         version = self._rules.event_version
-        made = Reference(
+        reference = Reference(
             name, self.object_id, version, "traj", self._now_ns, execute_at_ns, 0, points
         )
         # A TRAJ carries no expiry: it is over at its end.
-        return replace(made, expires_at_ns=made.end_ns)
+        return replace(reference, expires_at_ns=reference.end_ns)
 
     def _check(self, points: Points, name: str) -> RefusalReason | None:
         """Judge a trajectory as if it were started now."""
@@ -472,13 +474,13 @@ class IsoObject:
             self._moved_ns = self._now_ns
         if self.body.speed_mps > OWN_STANDSTILL_MPS:
             return
-        stood = self._now_ns - self._moved_ns >= _STOOD_NS
+        is_still = self._now_ns - self._moved_ns >= _STOOD_NS
         resting = self._target.state in _RESTING
         silent = (
             self.link.heard_ns is not None
             and self.link.silence_s(self._now_ns) > self._tight.limits.heartbeat_s
         )
-        if self._stop.lost_centre and stood:
+        if self._stop.lost_centre and is_still:
             self._target = self._new_target(self._tight)
             self._stop, self.started_ns = OwnStop(), None
             self.link.note("stands, waits for a control centre")
@@ -488,7 +490,7 @@ class IsoObject:
             self._target = self._new_target(self._tight)
             if latched:
                 self._target.local_stop()
-        if resting and silent and stood and self.link.host is not None:
+        if resting and silent and is_still and self.link.host is not None:
             self.link.closes = True
 
     def _new_target(self, rules: ObjectRules) -> Target:

@@ -120,11 +120,11 @@ def load_fence(text: str) -> tuple[tuple[Point, ...], Datum | None]:
 def load_motion(path: Path, datum: Datum) -> Motion:
     """Load way and speed of a trajectory file, in the datum's frame; raise InputError for none."""
     points = points_of(read_trajectory(path), datum)
-    found = points if isinstance(points, RejectedBytes) else motion_of(points)
-    if not isinstance(found, Motion):
-        problem = "leads nowhere" if found is None else found.text
+    motion = points if isinstance(points, RejectedBytes) else motion_of(points)
+    if not isinstance(motion, Motion):
+        problem = "leads nowhere" if motion is None else motion.text
         raise InputError(problem, file=path, remedy="give a way and a speed")
-    return found
+    return motion
 
 
 @click.command("probe")
@@ -206,8 +206,8 @@ def probe_command(
     Exit status 1 if a clause fails or wasn't reached.
     """
     name, port = parse_address(host)
-    asked = _up_to(stages)
-    if Stage.MOVE in asked and not (may_move and fence):
+    stages_to_run = _up_to(stages)
+    if Stage.MOVE in stages_to_run and not (may_move and fence):
         raise click.UsageError("--stage move needs --may-move and --fence")
     outline, datum = load_fence(fence) if fence is not None else ((), None)
     if origin is not None:
@@ -217,13 +217,13 @@ def probe_command(
         if place.problem is not None:
             raise InputError(place.problem, field="--origin", value=origin, remedy=remedy)
         datum = Datum(place)
-    if datum is None and Stage.MOVE in asked:
+    if datum is None and Stage.MOVE in stages_to_run:
         raise click.UsageError("--stage move needs --origin, or a fence file with a datum")
     datum = datum or Datum(Place(0.0, 0.0))
     front_m, rear_m, width_m = parse_numbers(size, 3, "--size", "write FRONT,REAR,WIDTH in m")
     motion = None if trajectory is None else load_motion(trajectory, datum)
     way = FencedWay(outline, Size(front_m, rear_m, width_m, 1.5), motion) if outline else None
-    made = Probe(
+    probe = Probe(
         lambda tap: Link(name, port, tap),
         datum,
         way,
@@ -233,10 +233,10 @@ def probe_command(
     )
     started_ns = time.time_ns()
     try:
-        made.run(asked)
+        probe.run(stages_to_run)
     finally:
         # Also what was found before somebody interrupted it.
-        report = report_of(made, name, port, started_ns, asked)
+        report = report_of(probe, name, port, started_ns, stages_to_run)
         show(report)
         if json_file is not None:
             write_report(json_file, report)

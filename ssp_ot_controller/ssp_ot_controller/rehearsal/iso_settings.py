@@ -88,7 +88,7 @@ def frame_of(osem: Osem, datum: Datum | None) -> Pose2 | RefusalReason:
 def tightened(rules: ObjectRules, osem: Osem) -> ObjectRules:
     """Tighten the rules of an object where the OSEM asks for more."""
     limits = rules.limits
-    asked = {
+    osem_limits = {
         "heartbeat_s": max(osem.heab_timeout_s, _LEAST_PERIODS / osem.heab_rate_hz),
         "error_longitudinal_m": osem.max_way_deviation_m,
         "error_lateral_m": osem.max_lateral_deviation_m,
@@ -97,7 +97,7 @@ def tightened(rules: ObjectRules, osem: Osem) -> ObjectRules:
     }
     tighter = {
         name: min(getattr(limits, name), value)
-        for name, value in asked.items()
+        for name, value in osem_limits.items()
         if value is not None
     }
     return replace(rules, limits=limits.model_copy(update=tighter))

@@ -66,8 +66,8 @@ class PlayedVehicle:
 
     def drives(self, now_ns: int) -> bool:
         """Tell whether the session runs, and a manager still says so."""
-        heard = self._heard_ns is not None and now_ns - self._heard_ns <= self._silent_ns
-        return heard and self._phase is SessionPhase.RUNNING
+        has_manager = self._heard_ns is not None and now_ns - self._heard_ns <= self._silent_ns
+        return has_manager and self._phase is SessionPhase.RUNNING
 
     def advance(self, others: Sequence[ObjectState], now_ns: int) -> BodyState:
         """Move the vehicle up to a time."""
@@ -187,11 +187,11 @@ class PlayedBodies(Closing):
     @property
     def addresses(self) -> dict[str, str]:
         """Return the address of each object's body, as ``ssp run --body`` takes it."""
-        found = {}
+        address_by_id = {}
         for body, sock in self._served:
             host, port = sock.getsockname()
-            found[body.object_id] = f"udp://{host}:{port}"
-        return found
+            address_by_id[body.object_id] = f"udp://{host}:{port}"
+        return address_by_id
 
     def serve(self, until: Callable[[], bool]) -> None:
         """Follow commands and send states until ended."""

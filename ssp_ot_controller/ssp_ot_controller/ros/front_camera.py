@@ -58,8 +58,8 @@ class FrontCamera(Node):
         super().__init__(names.FRONT_CAMERA, namespace=names.NAMESPACE)
         self._stop = stop
         self._failure: BaseException | None = None
-        given = declare(self, FRONT_CAMERA)
-        run_file = given["run_file"]
+        parameters = declare(self, FRONT_CAMERA)
+        run_file = parameters["run_file"]
         self._run: RunSpec = load_run(run_file)
         if self._run.camera is None:
             raise InputError(
@@ -75,7 +75,7 @@ class FrontCamera(Node):
         self._odometer = Odometer()
         self._indicators = Indicators(self._run.road)
         # Loading kernels or a map takes seconds: do it before anybody can see this node.
-        self._painter = self._make_painter(run_file, given["carla"], given["map_file"])
+        self._painter = self._make_painter(run_file, parameters["carla"], parameters["map_file"])
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="render")
         self._waiting: deque[Future[None]] = deque()
@@ -103,10 +103,10 @@ class FrontCamera(Node):
         from ssp_ot_controller.camera.carla_painter import CarlaPainter, Shooting
 
         server = ServerOfRun.of_parameters(carla, map_file, "--camera")
-        said = self.create_publisher(String, names.CAMERA_RENDERER, LATCHED)
+        publisher = self.create_publisher(String, names.CAMERA_RENDERER, LATCHED)
 
         def tell(record: Mapping[str, Any]) -> None:
-            said.publish(String(data=canonical_json(record).decode()))
+            publisher.publish(String(data=canonical_json(record).decode()))
 
         shooting = Shooting.of_run(run, camera)
         return CarlaPainter(shooting, server.address, server.map_sha256, tell)
@@ -115,8 +115,8 @@ class FrontCamera(Node):
         states = tuple(s for s in tick.objects if s.is_finite)
         self._odometer.update(states)
         now_ns = time.monotonic_ns()
-        wanted, self._schedule = self._schedule.decide(tick.step, tick.running, now_ns)
-        if not wanted:
+        is_due, self._schedule = self._schedule.decide(tick.step, tick.running, now_ns)
+        if not is_due:
             return
         vut = next((s for s in states if s.object_id == self._run.vut.id), None)
         if vut is None:

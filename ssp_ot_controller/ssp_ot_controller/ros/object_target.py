@@ -109,14 +109,14 @@ class ObjectPublishers:
         self._send_states(step.states)
         if step.answered:
             counts = step.counts
-            done = steps.StepDone(
+            step_done = steps.StepDone(
                 self._node.get_name(),
                 step.step,
                 states_sent=counts.states,
                 acks_sent=counts.acks,
                 safety_events_sent=counts.safety_events,
             )
-            self._done.publish(steps.encode_done(done))
+            self._done.publish(steps.encode_done(step_done))
         # Last: the manager judges the step meanwhile, and the world waits for it anyway.
         if self._command is not None:
             self._command.publish(steps.encode_commands(self._commands_of(step)))
@@ -220,24 +220,24 @@ class ObjectProcess:
     """The objects of one process from configure to cleanup: endpoints, timers and bodies.
 
     Args:
-        given: parameters of the node.
+        parameters: of the node.
 
     Raises:
         InputError: the run or a parameter is wrong.
         HostError: there is no way to a body.
     """
 
-    def __init__(self, node: Node, given: Mapping[str, Any]) -> None:
-        run = load_run(given["run_file"])
-        wanted = [i for i in given["object_ids"].split(",") if i]
+    def __init__(self, node: Node, parameters: Mapping[str, Any]) -> None:
+        run = load_run(parameters["run_file"])
+        object_ids = [i for i in parameters["object_ids"].split(",") if i]
         self._node = node
-        self.pool = ObjectPool(run, wanted, time.monotonic_ns())
+        self.pool = ObjectPool(run, object_ids, time.monotonic_ns())
         self.pool.active = False
         self._live: LiveObjects | None = None
         if run.mode == "live":
             # No simulated world: the bodies are read and commanded here, on a steady timer.
             log = node.get_logger()
-            ids, text = self.pool.object_ids, given["bodies"]
+            ids, text = self.pool.object_ids, parameters["bodies"]
             bodies = open_bodies(run, ids, text, time.time_ns(), log.info)
             self._live = LiveObjects(run, bodies, log.error)
         self._before = {id(entity) for entity, _ in self._entities()}

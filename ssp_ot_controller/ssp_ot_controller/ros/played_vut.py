@@ -41,37 +41,37 @@ class PlayedVut(Node):
 
     def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__("played_vut", namespace=names.NAMESPACE)
-        given = ros.declare(self, PLAYED_VUT)
-        run = load_run(given["run_file"])
+        parameters = ros.declare(self, PLAYED_VUT)
+        run = load_run(parameters["run_file"])
         ros.declare_kind(self, ParticipantKind.SIMULATED, names.VUT_ID, POSITIONING)
-        self._frame = given["frame"]
-        self._offset_ns = seconds_to_ns(given["clock_offset_s"])
+        self._frame = parameters["frame"]
+        self._offset_ns = seconds_to_ns(parameters["clock_offset_s"])
         self._vehicle = PlayedVehicle(run, time.time_ns())
         self._others: dict[str, State] = {}
-        self._fix_type = given["fix_type"]
-        if given["navsat"]:
+        self._fix_type = parameters["fix_type"]
+        if parameters["navsat"]:
             if run.datum is None:
                 raise InputError(
                     "isn't there, and places on the Earth need it",
-                    file=given["run_file"],
+                    file=parameters["run_file"],
                     field="datum",
                     remedy="give the site file one and compile again, or play --odometry",
                 )
             self._datum = run.datum.datum
-            self._places = self.create_publisher(NavSatFix, given["navsat"], ros.STATE)
-            self._headings = self.create_publisher(Imu, given["heading"], ros.STATE)
-            velocity = given["velocity"] or "velocity"
+            self._places = self.create_publisher(NavSatFix, parameters["navsat"], ros.STATE)
+            self._headings = self.create_publisher(Imu, parameters["heading"], ros.STATE)
+            velocity = parameters["velocity"] or "velocity"
             self._velocities = self.create_publisher(TwistStamped, velocity, ros.STATE)
             self._tell = self._as_places
         else:
-            self._pub = self.create_publisher(Odometry, given["odometry"], ros.STATE)
+            self._pub = self.create_publisher(Odometry, parameters["odometry"], ros.STATE)
             self._tell = self._as_odometry
         sub = ros.subscribe_raw
         beats = steps.decode_heartbeat
         sub(self, Heartbeat, names.HEARTBEAT, beats, self._on_beat, ros.STATE)
         subscribe_states(self, run, [target.id for target in run.targets], self._on_state)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / given["rate_hz"], self._publish, clock=steady)
+        self.create_timer(1.0 / parameters["rate_hz"], self._publish, clock=steady)
 
     def _on_beat(self, beat: steps.Heartbeat) -> None:
         self._vehicle.hear(beat.session_state, beat.session_token, time.time_ns())

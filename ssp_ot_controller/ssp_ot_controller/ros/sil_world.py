@@ -56,8 +56,8 @@ class SilWorld(Node):
 
     def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__(names.SIL_WORLD, namespace=names.NAMESPACE)
-        given = ros.declare(self, SIL_WORLD)
-        run_file = given["run_file"]
+        parameters = ros.declare(self, SIL_WORLD)
+        run_file = parameters["run_file"]
         self._run = load_run(run_file)
         if self._run.mode == "live":
             raise InputError(
@@ -68,7 +68,7 @@ class SilWorld(Node):
                 remedy="start it without sil_world, or run it in mode lockstep or realtime",
             )
         # Connecting to a server takes seconds: do it before anybody can see this node.
-        self._plant = self._make_plant(given["carla"], given["map_file"])
+        self._plant = self._make_plant(parameters["carla"], parameters["map_file"])
         self._surroundings = ExitStack()
         scene = self._surroundings.enter_context(scene_of(self._run))
         self._world = World(self._run, scene, self._plant)
@@ -84,8 +84,8 @@ class SilWorld(Node):
         server = ServerOfRun.of_parameters(carla, map_file, "--plant")
 
         def tell(record: Mapping[str, Any]) -> None:
-            said = self.create_publisher(String, names.WORLD_PLANT, ros.LATCHED)
-            said.publish(String(data=canonical_json(record).decode()))
+            publisher = self.create_publisher(String, names.WORLD_PLANT, ros.LATCHED)
+            publisher.publish(String(data=canonical_json(record).decode()))
 
         from ssp_ot_controller.sil.carla_bodies import CarlaBodies
 

@@ -43,8 +43,8 @@ class VutAdapter(Node):
 
     def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__(names.VUT_ADAPTER, namespace=names.NAMESPACE)
-        given = ros.declare(self, VUT_ADAPTER)
-        run = load_run(given["run_file"])
+        parameters = ros.declare(self, VUT_ADAPTER)
+        run = load_run(parameters["run_file"])
         if run.mode != "live":
             raise InputError(
                 "has its VUT in the simulated world",
@@ -52,7 +52,11 @@ class VutAdapter(Node):
                 value=run.mode,
                 remedy="start vut_adapter in live sessions only",
             )
-        unit = given["unit_forward_m"], given["unit_left_m"], given["unit_yaw_left_rad"]
+        unit = (
+            parameters["unit_forward_m"],
+            parameters["unit_left_m"],
+            parameters["unit_yaw_left_rad"],
+        )
         lever = LeverArm(*unit)
         self._states = VutStates(run.vut, lever, names.MAP_FRAME)
         self._used = self._unusable = self._heard = self._told = 0
@@ -62,25 +66,25 @@ class VutAdapter(Node):
         self._status = self.create_publisher(
             LocalisationStatus, names.LOCALISATION_STATUS, ros.STATE
         )
-        if given["navsat"]:
-            self._places = given["navsat"]
-            self._hear_gnss(run, given, lever)
+        if parameters["navsat"]:
+            self._places = parameters["navsat"]
+            self._hear_gnss(run, parameters, lever)
         else:
-            self._places = given["odometry"]
+            self._places = parameters["odometry"]
             self.create_subscription(Odometry, self._places, self._on_odometry, ros.DRIVER)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(STATUS_PERIOD_S, self._tell_status, clock=steady)
 
-    def _hear_gnss(self, run: RunSpec, given: dict[str, Any], lever: LeverArm) -> None:
+    def _hear_gnss(self, run: RunSpec, parameters: dict[str, Any], lever: LeverArm) -> None:
         if run.datum is None:
             raise InputError(
                 "is missing: where the site lies is unknown, and --navsat gives latitudes",
-                file=given["run_file"],
+                file=parameters["run_file"],
                 field="datum",
                 remedy="give the site file one, compile again, or take --odometry in frame map",
             )
-        gate = Gate(FixType[given["least_fix"].upper()], run.limits.state_age_s)
-        self._velocity = given["velocity"]
+        gate = Gate(FixType[parameters["least_fix"].upper()], run.limits.state_age_s)
+        self._velocity = parameters["velocity"]
         by_course = run.vut.id in run.limits.heading_by_course
         self._gnss = GnssStates(
             self._states,
@@ -92,7 +96,7 @@ class VutAdapter(Node):
         )
         sub = self.create_subscription
         sub(NavSatFix, self._places, self._on_place, ros.DRIVER)
-        sub(Imu, given["heading"], self._on_heading, ros.DRIVER)
+        sub(Imu, parameters["heading"], self._on_heading, ros.DRIVER)
 
     # -- what arrives --------------------------------------------------------------------------
 

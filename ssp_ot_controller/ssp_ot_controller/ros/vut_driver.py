@@ -61,20 +61,20 @@ class VutDriver(Node):
 
     def __init__(self, stop: ros.StopRequest) -> None:
         super().__init__(names.VUT_DRIVER, namespace=names.NAMESPACE)
-        given = ros.declare(self, VUT_DRIVER)
-        run = load_run(given["run_file"])
+        parameters = ros.declare(self, VUT_DRIVER)
+        run = load_run(parameters["run_file"])
         driven = run.driven
         if driven is None or not run.has_driver_node:
             raise InputError(
                 "names no driver that answers with plans",
-                file=given["run_file"],
+                file=parameters["run_file"],
                 field="driven",
                 remedy="give ssp run --drive NAME, which starts this node",
             )
         self._stop = stop
         self._failure: BaseException | None = None
         self._run, self._driven = run, driven
-        recorded = answers_in_event(Path(given["answers"])) if given["answers"] else None
+        recorded = answers_in_event(Path(parameters["answers"])) if parameters["answers"] else None
         # A model may load for minutes: it does so before anybody can see this node.
         self._driver = make_driver(
             driven.driver, driven.options, recorded, lambda: stop.reason is None
@@ -84,7 +84,7 @@ class VutDriver(Node):
         self._model: KeptModel | None = None
         self._worker: ThreadPoolExecutor | None = None
         if isinstance(self._driver, SeeingDriver):
-            answers = Path(given["run_file"]).parent / NODE_ANSWERS_FILE
+            answers = Path(parameters["run_file"]).parent / NODE_ANSWERS_FILE
             self._model = KeptModel(self._driver, answers)
             self._worker = ThreadPoolExecutor(1, thread_name_prefix="driver")
         self._work: list[Future[None]] = []

@@ -175,9 +175,9 @@ class CarlaBodies:
             for name, spec in self._specs.items()
         }
         for name in self._pedals:
-            wanted, found = self._specs[name].start.pose, self._start[name]
-            off_m = math.hypot(found.x_m - wanted.x_m, found.y_m - wanted.y_m)
-            turned = abs(wrap_angle(found.yaw_rad - wanted.yaw_rad))
+            start_pose, state = self._specs[name].start.pose, self._start[name]
+            off_m = math.hypot(state.x_m - start_pose.x_m, state.y_m - start_pose.y_m)
+            turned = abs(wrap_angle(state.yaw_rad - start_pose.yaw_rad))
             if off_m > _START_M or turned > _START_RAD:
                 raise PeerError(
                     f"CARLA's {self._bodies[name].blueprint} doesn't stay at the start of {name}: "
@@ -217,7 +217,7 @@ class CarlaBodies:
         self, bodies: Mapping[str, BodyState], commands: Mapping[str, Command]
     ) -> dict[str, BodyState]:
         placements, orders = [], []
-        found: dict[str, BodyState] = {}
+        states: dict[str, BodyState] = {}
         for name, actor in self._actors.items():
             pedals = self._pedals.get(name)
             if pedals is not None:
@@ -226,13 +226,13 @@ class CarlaBodies:
             scale = lag_scale(self._run, name)
             cls = self._specs[name].cls
             walked = step_body(cls, bodies[name], commands[name], self._step_s, lag_scale=scale)
-            found[name] = walked
+            states[name] = walked
             pose = feet_pose(Pose2(walked.x_m, walked.y_m, walked.yaw_rad), self._ground)
             placements.append(Placement(actor, pose, max(0.0, walked.speed_mps)))
         self._server.step(placements, orders)
         for (name, pedals), order in zip(self._pedals.items(), orders, strict=True):
-            found[name] = self._read(name, bodies[name], order.brake, pedals.curvature_1pm)
-        return {name: found[name] for name in bodies}
+            states[name] = self._read(name, bodies[name], order.brake, pedals.curvature_1pm)
+        return {name: states[name] for name in bodies}
 
     def _read(self, name: str, before: BodyState, brake: float, curvature_1pm: float) -> BodyState:
         """Read a vehicle in the newest frame.

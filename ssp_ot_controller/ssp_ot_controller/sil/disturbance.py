@@ -93,10 +93,10 @@ class FaultSchedule:
         self._begun = self._begun or running
         changes = []
         for number, fault in self._mine:
-            wanted = self._is_due(fault, now_ns, armed)
-            if wanted == (number in self._active):
+            is_due = self._is_due(fault, now_ns, armed)
+            if is_due == (number in self._active):
                 continue
-            if wanted:
+            if is_due:
                 self._active[number] = fault
             else:
                 del self._active[number]
@@ -105,7 +105,7 @@ class FaultSchedule:
                     number,
                     fault.kind,
                     fault.target,
-                    wanted,
+                    is_due,
                     math.nan if fault.value is None else fault.value,
                     UNITS.get(fault.kind, ""),
                 )
@@ -127,10 +127,10 @@ class FaultSchedule:
 
     def share(self, kind: FaultKind, usual: float) -> float:
         """Return the probability that the usual or one of the active faults of a kind strikes."""
-        kept = 1.0 - usual
+        pass_probability = 1.0 - usual
         for fault in self.active(kind):
-            kept *= 1.0 - (fault.value or 0.0)
-        return usual if kept == 1.0 - usual else 1.0 - kept
+            pass_probability *= 1.0 - (fault.value or 0.0)
+        return usual if pass_probability == 1.0 - usual else 1.0 - pass_probability
 
     def _is_due(self, fault: Fault, now_ns: int, armed: bool) -> bool:
         if not self._begun:
@@ -217,22 +217,22 @@ class Link(Generic[Item]):
         self._last_due_ns = 0
 
     def pass_on(
-        self, items: Sequence[Item], now_ns: int, held: Iterator[float] | None
+        self, items: Sequence[Item], now_ns: int, draws: Iterator[float] | None
     ) -> list[Item]:
         """Take in what is sent in this step; return what arrives, in order of arrival.
 
         Args:
             items: that are sent.
             now_ns: session time.
-            held: numbers in [0, 1) of a world that holds, where time stands still: what is sent
+            draws: numbers in [0, 1) of a world that holds, where time stands still: what is sent
                 arrives, unless a fault keeps it from it; None: the world runs.
         """
         if self._plain:
             return list(items)
         quality, faults = self._quality, self._faults
         cut = faults.has("link_cut")
-        if held is not None:
-            lost = cut or next(held) < faults.share("link_loss", 0.0)
+        if draws is not None:
+            lost = cut or next(draws) < faults.share("link_loss", 0.0)
             return [] if lost else list(items)
         lost = next(self._losses) < faults.share("link_loss", quality.loss)
         jitter = next(self._jitters)
@@ -461,6 +461,6 @@ class Actuator:
             return command
         if command.emergency_stop:
             return command
-        held = self._last.acceleration_mps2 if self._last is not None else 0.0
+        last_mps2 = self._last.acceleration_mps2 if self._last is not None else 0.0
         value = stuck[-1].value
-        return replace(command, acceleration_mps2=held if value is None else value)
+        return replace(command, acceleration_mps2=last_mps2 if value is None else value)

@@ -92,12 +92,12 @@ class Pacing:
         """Take a sign of life of the manager."""
         self._heard_manager_ns = now_ns
 
-    def on_done(self, done: StepDone, now_ns: int) -> None:
+    def on_done(self, step_done: StepDone, now_ns: int) -> None:
         """Take a participant's answer to a step; in lockstep the manager's brings the session."""
-        self._barrier.on_done(done.participant, done.step)
-        if done.participant == names.SCENARIO_MANAGER and self.lockstep:
-            self.heartbeat = max(self.heartbeat, done.heartbeat)
-            self.take_session(done.session_state, now_ns)
+        self._barrier.on_done(step_done.participant, step_done.step)
+        if step_done.participant == names.SCENARIO_MANAGER and self.lockstep:
+            self.heartbeat = max(self.heartbeat, step_done.heartbeat)
+            self.take_session(step_done.session_state, now_ns)
 
     def take_session(self, session: SessionPhase, now_ns: int) -> None:
         """Take the session's phase; the world steps from when it first says ``RUNNING``."""

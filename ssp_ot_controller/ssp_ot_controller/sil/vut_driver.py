@@ -59,18 +59,18 @@ def drive(
     v = max(vut.speed_mps, 0.0)
     b = driver.comfortable_deceleration_mps2
     # A little above cruise speed the driver only eases off.
-    wanted = max(min(free_acceleration(v, driver), (driver.cruise_mps - v) / dt_s), -b)
-    wanted = min(wanted, most_mps2)
+    target_mps2 = max(min(free_acceleration(v, driver), (driver.cruise_mps - v) / dt_s), -b)
+    target_mps2 = min(target_mps2, most_mps2)
     places = places_on(vut, others if driver.reacts else (), path)
     station = places[0][0]
     left = path.length_m - station
     if v * v / (2.0 * b) >= left - v * limits.acceleration_lag_s:
-        wanted = min(wanted, -v * v / (2.0 * left) if left > 0.05 else -b)
+        target_mps2 = min(target_mps2, -v * v / (2.0 * left) if left > 0.05 else -b)
     if driver.reacts:
         for obstacle in find_obstacles(vut, others, path, driver, places):
             gap, speed, gain = obstacle.gap_m, obstacle.speed_mps, obstacle.acceleration_mps2
-            wanted = min(wanted, following_acceleration(v, gap, speed, gain, driver))
-    acceleration = min(max(wanted, -limits.deceleration_mps2), limits.acceleration_mps2)
+            target_mps2 = min(target_mps2, following_acceleration(v, gap, speed, gain, driver))
+    acceleration = min(max(target_mps2, -limits.deceleration_mps2), limits.acceleration_mps2)
     bound = limits.curvature_1pm
     return Command(acceleration, min(max(steer(vut, path, station), -bound), bound), vut.yaw_rad)
 
@@ -196,8 +196,11 @@ class VutDriver:
         most = math.inf
         if self._priority:
             front = self._path.project_beyond(vut.x_m, vut.y_m)[0] + vut.size.front_m
-            given = self._priority.decide(front, max(vut.speed_mps, 0.0), others, driver)
-            others, most = [o for o in others if o.object_id not in given.heeded], given.most_mps2
+            decision = self._priority.decide(front, max(vut.speed_mps, 0.0), others, driver)
+            others, most = (
+                [o for o in others if o.object_id not in decision.heeded],
+                decision.most_mps2,
+            )
         command = drive(vut, others, self._path, driver, self._run.step_s, most)
         if driver.aeb_deceleration_mps2 is None:
             return command
@@ -233,9 +236,9 @@ class VutDriver:
 
 def _drivers(driver: Driver) -> list[tuple[int, Driver, bool]]:
     """Return in time order from when on, ns, which driver, and whether it wants to drive."""
-    found = [(0, driver, True)]
+    drivers = [(0, driver, True)]
     for change in sorted(driver.later, key=lambda c: c.at_s):
         wants = change.cruise_mps > 0.0
         changed = driver.model_copy(update={"cruise_mps": change.cruise_mps}) if wants else driver
-        found.append((seconds_to_ns(change.at_s), changed, wants))
-    return found
+        drivers.append((seconds_to_ns(change.at_s), changed, wants))
+    return drivers

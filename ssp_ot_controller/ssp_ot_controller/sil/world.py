@@ -91,14 +91,14 @@ class World:
             Ground truth after the step, sorted by id.
         """
         vut_id, now_ns = self._run.vut.id, self.now_ns
-        done = {}
+        body_commands = {}
         for object_id in self._bodies:
             if object_id == vut_id:
                 command = self._vut_command(commands, drive_vut)
             else:
                 command = self._object_command(object_id, commands)
-            done[object_id] = self._actuators[object_id].actuate(command, now_ns)
-        self._bodies = self._plant.step(self._bodies, done)
+            body_commands[object_id] = self._actuators[object_id].actuate(command, now_ns)
+        self._bodies = self._plant.step(self._bodies, body_commands)
         self.step_index += 1
         own = self._states()
         self._observe(self._scene.step(list(own.values())), own)
@@ -137,10 +137,10 @@ class World:
 
     def _states(self) -> dict[str, ObjectState]:
         """Return the states of the bodies, by id."""
-        now_ns, found = self.now_ns, {}
+        now_ns, states = self.now_ns, {}
         for object_id, body in self._bodies.items():
             cls, role, size = self._kinds[object_id]
-            found[object_id] = ObjectState(
+            states[object_id] = ObjectState(
                 object_id,
                 cls,
                 role,
@@ -154,7 +154,7 @@ class World:
                 size,
                 self.step_index + 1,
             )
-        return found
+        return states
 
 
 class StepBarrier:
@@ -235,7 +235,7 @@ class StepBarrier:
 
     def waiting_for(self, step: int) -> list[str]:
         """Return the participants that keep the world from going from ``step`` to ``step + 1``."""
-        missing = [name for name, done in self._done.items() if done < step]
+        missing = [name for name, last_step in self._done.items() if last_step < step]
         if self._owner not in missing and any(c < step for c in self._commanded.values()):
             missing.append(self._owner)
         if self._camera is not None:

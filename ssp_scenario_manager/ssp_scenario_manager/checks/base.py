@@ -84,11 +84,11 @@ def summed_up(failures: Iterable[Failure]) -> list[list[Failure]]:
         if failure.origin == "open decision":
             key = (failure.origin,)
         groups.setdefault(key, []).append(failure)
-    found = []
+    report_groups = []
     for key, group in groups.items():
         few = len(group) <= _FEW and key != ("open decision",)
-        found += [[failure] for failure in group] if few else [group]
-    return found
+        report_groups += [[failure] for failure in group] if few else [group]
+    return report_groups
 
 
 # Where a wrong value comes from, by its provenance in part U.
@@ -124,15 +124,15 @@ class View:
     @cached_property
     def quantities(self) -> dict[str, Interval]:
         """Every interval, by its path."""
-        found: dict[str, Any] = {}
+        candidates: dict[str, Any] = {}
         for path in granules(self.value):
             item = get(self.value, path)
             is_road = isinstance(item, dict) and set(item) == ROAD_FIELD
             inside = ("value", "varies") if is_road else ()
-            found |= {f"{path}.{name}": item[name] for name in inside} or {path: item}
+            candidates |= {f"{path}.{name}": item[name] for name in inside} or {path: item}
         return {
             path: Interval.model_construct(**item)
-            for path, item in found.items()
+            for path, item in candidates.items()
             if isinstance(item, dict) and set(item) == {"min", "max", "unit"}
         }
 
@@ -143,10 +143,10 @@ class View:
 
     def measured(self, path: str) -> Span | None:
         """Return a quantity in SI units, None where it is missing, null or in a wrong unit."""
-        found, rule = self.quantities.get(path), self.rule(path)
-        unit = UNITS.get(found.unit) if found else None
+        interval, rule = self.quantities.get(path), self.rule(path)
+        unit = UNITS.get(interval.unit) if interval else None
         right = unit is not None and rule is not None and unit.dimension == rule.dimension
-        return found.si if found and right else None
+        return interval.si if interval and right else None
 
     def span(self, path: str) -> Span | None:
         """Return a quantity in SI units for comparisons, None where C5 refuses it by itself."""
@@ -158,8 +158,8 @@ class View:
 
     def spans(self, *paths: str) -> tuple[Span, ...] | None:
         """Return several quantities as ``span``, None where one of them is None."""
-        found = tuple(span for path in paths if (span := self.span(path)) is not None)
-        return found if len(found) == len(paths) else None
+        present_spans = tuple(span for path in paths if (span := self.span(path)) is not None)
+        return present_spans if len(present_spans) == len(paths) else None
 
     def road(self, name: str) -> str:
         """Return the path of the interval in which a place may have a measured field of T."""
@@ -198,9 +198,9 @@ class View:
 
 def _is_sound(span: Span, rule: Rule) -> bool:
     """Tell whether a span is in order, closed where the rule wants it, and inside the platform."""
-    given = [end for end in (span.low, span.high) if math.isfinite(end)]
-    in_order = span.low <= span.high and len(given) == len(rule.needs)
-    return in_order and all(rule.limit.holds(end) for end in given)
+    finite_ends = [end for end in (span.low, span.high) if math.isfinite(end)]
+    in_order = span.low <= span.high and len(finite_ends) == len(rule.needs)
+    return in_order and all(rule.limit.holds(end) for end in finite_ends)
 
 
 Predicate = Callable[[View], Iterator[Failure]]
@@ -232,15 +232,15 @@ class Fail:
             evidence: where it isn't simply the values at these paths.
             origin: where it isn't the usual one.
         """
-        told = evidence or view.said(*paths)
-        return Failure(self.check, paths[0], told, reason, origin or self.usual, remedy)
+        evidence_text = evidence or view.said(*paths)
+        return Failure(self.check, paths[0], evidence_text, reason, origin or self.usual, remedy)
 
     def unless(
-        self, view: View, found: str | None, wanted: Iterable[str], reason: str, *paths: str
+        self, view: View, word: str | None, choices: Iterable[str], reason: str, *paths: str
     ) -> Iterator[Failure]:
-        """Yield the failure of a word that isn't one of the wanted ones."""
-        words = list(wanted)
-        if found not in words:
+        """Yield the failure of a word that isn't one of the choices."""
+        words = list(choices)
+        if word not in words:
             yield self(view, reason, one_of(words), *paths)
 
 

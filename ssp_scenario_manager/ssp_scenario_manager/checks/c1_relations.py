@@ -60,11 +60,11 @@ def same_ids_everywhere(view: View) -> Iterator[Failure]:
 def every_phase(view: View) -> Iterator[Failure]:
     """Check that parts M and C have each participant in all four phases."""
     motion, speeds = view.event.motion, view.event.constraints.speeds
-    given = {
+    phases_by_part = {
         "motion": {who: set(cells) for who, cells in motion.items()},
         "constraints.speeds": {who: set(by_phase) for who, by_phase in speeds.items()},
     }
-    for part, by_id in given.items():
+    for part, by_id in phases_by_part.items():
         for who, phases in sorted(by_id.items()):
             for phase in PHASES:
                 if phase not in phases:
@@ -118,11 +118,11 @@ def classes_fit_roles(view: View) -> Iterator[Failure]:
         if participant.role == "VUT":
             path, reason = f"participants.{who}.class", "can't be a vehicle under test"
             yield from _fail.unless(view, participant.class_, _VUT_CLASSES, reason, path)
-    found = event.participants.get(view.initiator)
-    if kind and found:
+    initiator = event.participants.get(view.initiator)
+    if kind and initiator:
         yield from _fail.unless(
             view,
-            found.class_,
+            initiator.class_,
             kind.initiator_classes,
             f"can't be the initiator of {kind.name}",
             f"participants.{view.initiator}.class",
@@ -246,13 +246,13 @@ def first_seen_where_they_start(view: View) -> Iterator[Failure]:
         if phase != "approach" or participant.role == "VUT":
             continue
         region, at = participant.region, f"participants.{who}.region"
-        wanted = _SEEN.get((region.place, region.along))
-        if wanted is None:
+        start_position = _SEEN.get((region.place, region.along))
+        if start_position is None:
             reason, remedy = "no object can be there: the VUT is", "ahead or behind"
             yield _fail(view, reason, remedy, f"{at}.along", f"{at}.place")
-        elif known(cell.position) and cell.position != wanted:
+        elif known(cell.position) and cell.position != start_position:
             path, reason = f"motion.{who}.approach.position", "is seen elsewhere than it starts"
-            yield _fail(view, reason, wanted, path, f"{at}.place", f"{at}.along")
+            yield _fail(view, reason, start_position, path, f"{at}.place", f"{at}.along")
         if who == view.initiator and view.kind and _is_in_its_lane(view.kind, participant):
             continue
         walker = participant.class_ in ("pedestrian", "cyclist")
@@ -323,8 +323,8 @@ def occluder_hides(view: View) -> Iterator[Failure]:
             f"participants.{view.initiator}.region.{name}",
         )
     gaps = [f"participants.{i}.region.gap" for i in (who, view.initiator)]
-    found = view.spans(*gaps)
-    if found and not (found[0].low < found[1].low and found[0].high < found[1].high):
+    spans = view.spans(*gaps)
+    if spans and not (spans[0].low < spans[1].low and spans[0].high < spans[1].high):
         reason = "an occluder stands nearer to the VUT than whom it hides"
         yield _fail(view, reason, f"less than {gaps[1]} at both ends", *gaps)
 
@@ -387,12 +387,12 @@ def motion_fits_words(view: View) -> Iterator[Failure]:
             continue
         turns = who == view.initiator and view.kind is not None and view.kind.turn is not None
         for name in ("heading", "lateral", "position", "longitudinal"):
-            wanted, found = getattr(meaning, name), getattr(cell, name)
+            choices, word = getattr(meaning, name), getattr(cell, name)
             if name == "lateral" and turns and cell.motion == "oncoming":
                 continue
-            if wanted and known(found):
+            if choices and known(word):
                 reason = f"{cell.motion} is another motion"
-                yield from _fail.unless(view, found, wanted, reason, f"{at}.{name}", f"{at}.motion")
+                yield from _fail.unless(view, word, choices, reason, f"{at}.{name}", f"{at}.motion")
         if cell.speed_trend != UNRESOLVED and meaning.standing != (cell.speed_trend == "standing"):
             yield _fail(
                 view,
@@ -408,10 +408,10 @@ def vut_keeps_its_lane(view: View) -> Iterator[Failure]:
     for who, participant, phase, cell in view.cells():
         if participant.role != "VUT":
             continue
-        wanted = {"heading": "same", "longitudinal": "none"}
+        words_by_name = {"heading": "same", "longitudinal": "none"}
         if phase == "approach":
-            wanted["lateral"] = "none"
-        for name, word in wanted.items():
+            words_by_name["lateral"] = "none"
+        for name, word in words_by_name.items():
             yield from _fail.unless(
                 view,
                 getattr(cell, name),
@@ -428,12 +428,12 @@ def gap_fits_speeds(view: View) -> Iterator[Failure]:
     for who, participant, phase, cell in view.cells():
         at = f"motion.{who}.{phase}"
         speeds = [f"constraints.speeds.{i}.{phase}" for i in (vut, who)]
-        found, words = view.spans(*speeds), (cell.longitudinal, cell.heading, cell.position)
-        if participant.role != "OT" or found is None or not all(map(known, words)):
+        spans, words = view.spans(*speeds), (cell.longitudinal, cell.heading, cell.position)
+        if participant.role != "OT" or spans is None or not all(map(known, words)):
             continue
         if cell.position in ("left", "right"):
             continue  # beside: there is no gap along the path
-        ours, theirs = found
+        ours, theirs = spans
         along = {"same": 1.0, "opposite": -1.0}.get(cell.heading, 0.0)
         ends = sorted((along * theirs.low, along * theirs.high))
         slowest, fastest = ours.low - ends[1], ours.high - ends[0]
@@ -500,13 +500,13 @@ def initiator_turns(view: View) -> Iterator[Failure]:
         ("conflict", "lateral", _TOWARDS[after]),
         ("resolution", "heading", after),
     )
-    for phase, name, wanted in demanded:
+    for phase, name, word in demanded:
         cell = view.cell(view.initiator, phase)
         if cell is not None:
             yield from _fail.unless(
                 view,
                 getattr(cell, name),
-                [wanted],
+                [word],
                 f"the initiator of {view.kind.name} turns, from {before} to {after}",
                 f"motion.{view.initiator}.{phase}.{name}",
                 "interaction.type",

@@ -150,16 +150,16 @@ def road_permits_it(view: View) -> Iterator[Failure]:
 def initiator_comes_from_there(view: View) -> Iterator[Failure]:
     """Check that the initiator starts in the lane or at the kerb that its motion comes from."""
     kind, motion = view.kind, view.event.interaction.dominant_motion
-    found = view.event.participants.get(view.initiator)
-    if kind is None or found is None or motion not in kind.initiator_places:
+    initiator = view.event.participants.get(view.initiator)
+    if kind is None or initiator is None or motion not in kind.initiator_places:
         return
     at, places = f"participants.{view.initiator}.region", kind.initiator_places[motion]
     reason = "the initiator's path doesn't come from there"
     paths = f"{at}.place", "interaction.dominant_motion"
-    yield from _fail.unless(view, found.region.place, places, reason, *paths)
+    yield from _fail.unless(view, initiator.region.place, places, reason, *paths)
     reason = "the VUT would not see the initiator coming"
     paths = f"{at}.along", "interaction.type"
-    yield from _fail.unless(view, found.region.along, ["ahead"], reason, *paths)
+    yield from _fail.unless(view, initiator.region.along, ["ahead"], reason, *paths)
 
 
 def path_meets_the_corridor(view: View) -> Iterator[Failure]:
@@ -168,17 +168,17 @@ def path_meets_the_corridor(view: View) -> Iterator[Failure]:
     side = _FROM.get(motion)
     passes = view.event.interaction.relation == "crossing"
     crossed = _BESIDE[side[1]] if side and passes else frozenset()
-    wanted = {
+    positions_by_phase = {
         "trigger": {f"front_{side[0]}" if side else "front"},
         "conflict": {"front"},
         "resolution": {"front"} | crossed,
     }
     for name, _, phase, cell in view.cells():
-        if name == who and phase in wanted and known(cell.position):
+        if name == who and phase in positions_by_phase and known(cell.position):
             yield from _fail.unless(
                 view,
                 cell.position,
-                wanted[phase],
+                positions_by_phase[phase],
                 "the initiator's path doesn't cross or enter the VUT's corridor like this",
                 f"motion.{who}.{phase}.position",
                 "interaction.dominant_motion",

@@ -28,10 +28,10 @@ def phases_in_order(view: View) -> Iterator[Failure]:
     """Check that each phase starts after the one before it."""
     for before, after in pairwise(PHASES):
         paths = [f"events.{phase}.start" for phase in (before, after)]
-        found = view.spans(*paths)
-        if found is None:
+        spans = view.spans(*paths)
+        if spans is None:
             continue
-        early, late = found
+        early, late = spans
         if not (early.high <= late.low + _EPS_S and early.low < late.high - _EPS_S):
             remedy = f"{after} later than {before}; intervals may touch, not overlap"
             yield _fail(view, f"{after} doesn't start after {before}", remedy, *paths[::-1])
@@ -63,8 +63,8 @@ def enough_before_and_after(view: View) -> Iterator[Failure]:
         ("approach", "events.clip.start", "events.trigger.start"),
         ("resolution", "events.resolution.start", "events.clip.end"),
     ):
-        found = view.spans(first, last)
-        shown_s = found[1].mid - found[0].mid if found else LEAST_S
+        spans = view.spans(first, last)
+        shown_s = spans[1].mid - spans[0].mid if spans else LEAST_S
         if shown_s < LEAST_S - _EPS_S:
             yield _fail(
                 view,
@@ -115,14 +115,14 @@ def evidence_shows_its_phase(view: View) -> Iterator[Failure]:
     ends = [*(f"events.{phase}.start" for phase in PHASES), "events.clip.end"]
     for phase, (at_start, at_end) in zip(PHASES, pairwise(ends), strict=True):
         start, until = view.span(at_start), view.span(at_end) or view.span("events.clip.end")
-        found = [
+        sightings = [
             (path, span)
             for of, path, evidence in _evidence(view)
             if of == phase and (span := _span_s(evidence, rate)) is not None
         ]
-        if start is None or not found:
+        if start is None or not sightings:
             continue
-        first_path, first = min(found, key=lambda item: item[1].low)
+        first_path, first = min(sightings, key=lambda item: item[1].low)
         if abs(first.low - start.high) > slack:
             yield _fail(
                 view,
@@ -132,7 +132,7 @@ def evidence_shows_its_phase(view: View) -> Iterator[Failure]:
                 at_start,
                 origin=view.origin(first_path),
             )
-        for path, span in found:
+        for path, span in sightings:
             if until is not None and span.high > until.low + slack:
                 yield _fail(
                     view,
@@ -190,8 +190,8 @@ def trigger_is_observable(view: View) -> Iterator[Failure]:
             unseen[f"{at}.trigger.speed_trend"] = "decreasing"
         slow = view.span("constraints.manoeuvre.deceleration")
         if slow and slow.low <= OBSERVABLE_BRAKING_MPS2:
-            wanted = f"above {OBSERVABLE_BRAKING_MPS2:g} m/s^2"
-            unseen["constraints.manoeuvre.deceleration"] = wanted
+            remedy = f"above {OBSERVABLE_BRAKING_MPS2:g} m/s^2"
+            unseen["constraints.manoeuvre.deceleration"] = remedy
     elif kind.observable == "closing":
         ttc = view.span("constraints.thresholds.ttc")
         if ttc and ttc.high >= OBSERVABLE_CLOSING_S:
@@ -210,12 +210,12 @@ def trigger_is_observable(view: View) -> Iterator[Failure]:
         path, slowest_mps = _lateral_speed(view)
         if slowest_mps <= OBSERVABLE_LATERAL_MPS:
             unseen[path] = f"so that it is faster than {OBSERVABLE_LATERAL_MPS:g} m/s"
-    for path, wanted in early.items():
+    for path, remedy in early.items():
         reason = "the manoeuvre would be visible before the trigger"
-        yield _fail(view, reason, wanted, path, "interaction.type")
-    for path, wanted in unseen.items():
+        yield _fail(view, reason, remedy, path, "interaction.type")
+    for path, remedy in unseen.items():
         reason = "the trigger starts when the manoeuvre can be seen (METHOD 1), and this can't"
-        yield _fail(view, reason, wanted, path, "interaction.type", view.road("lane_width"))
+        yield _fail(view, reason, remedy, path, "interaction.type", view.road("lane_width"))
 
 
 def _lateral_speed(view: View) -> tuple[str, float]:
@@ -231,10 +231,10 @@ def conflict_follows_the_trigger(view: View) -> Iterator[Failure]:
     """Require that the conflict's threshold isn't reached yet at the trigger."""
     names = ["constraints.trigger.below", "constraints.thresholds.ttc"]
     speeds = [f"constraints.speeds.{i}.approach" for i in (view.event.vut_id, view.initiator)]
-    found, both = view.spans(*names), view.spans(*speeds)
-    if found is None:
+    spans, both = view.spans(*names), view.spans(*speeds)
+    if spans is None:
         return
-    below, ttc = found
+    below, ttc = spans
     if view.event.constraints.trigger.quantity == "time_to_arrival":
         least = below.low
     elif both is None:
@@ -273,10 +273,10 @@ def trigger_can_fire(view: View) -> Iterator[Failure]:
         f"participants.{who}.region.gap",
         f"constraints.speeds.{view.event.vut_id}.approach",
     ]
-    found = view.spans(*names)
-    if found is None:
+    spans = view.spans(*names)
+    if spans is None:
         return
-    below, gap, ours = found
+    below, gap, ours = spans
     in_time = view.event.constraints.trigger.quantity == "time_to_arrival"
     distance = below.high * ours.high if in_time else below.high
     if gap.low <= distance:
@@ -322,10 +322,10 @@ def speeds_follow_trends(view: View) -> Iterator[Failure]:
             previous = path, span, trend
 
 
-def _course(before: Span, held: str, now: Span, trend: str) -> tuple[str, str] | None:
+def _course(before: Span, trend_before: str, now: Span, trend: str) -> tuple[str, str] | None:
     """Name a contradiction between two successive ranges of speed, if any: (reason, remedy)."""
-    steady = held in ("constant", "standing")
-    if trend == "constant" and held == "constant" and before != now:
+    steady = trend_before in ("constant", "standing")
+    if trend == "constant" and trend_before == "constant" and before != now:
         return "a speed that stays constant has one range", "the range of the phase before"
     if steady and not now.holds(before):
         return "the phase starts at the speeds of the one before", "a range that holds that one"

@@ -72,10 +72,10 @@ def further_cause_no_conflict(view: View) -> Iterator[Failure]:
     times = [f"events.{name}.start" for name in ("clip", "conflict", "resolution")]
     for who in further_ids(view.event):
         region, gap_path = view.event.participants[who].region, f"participants.{who}.region.gap"
-        found = view.spans(*times, "constraints.thresholds.ttc", gap_path)
-        if region.place != "vut_lane" or found is None:
+        spans = view.spans(*times, "constraints.thresholds.ttc", gap_path)
+        if region.place != "vut_lane" or spans is None:
             continue
-        start, conflict, resolution, threshold, gap = found
+        start, conflict, resolution, threshold, gap = spans
         closing, paths = _closing_mps(view, who, region.along)
         if closing <= 0.0:
             continue
@@ -106,10 +106,10 @@ def leaving_occluder_causes_no_conflict(view: View) -> Iterator[Failure]:
     speeds = [f"constraints.speeds.{i}.approach" for i in (view.event.vut_id, who)]
     gap_path, threshold_path = f"participants.{who}.region.gap", "constraints.thresholds.ttc"
     times = ["events.clip.start", "events.trigger.start"]
-    found = view.spans(*times, threshold_path, gap_path, *speeds)
-    if found is None:
+    spans = view.spans(*times, threshold_path, gap_path, *speeds)
+    if spans is None:
         return
-    start, trigger, threshold, gap, ours, theirs = found
+    start, trigger, threshold, gap, ours, theirs = spans
     closing = ours.low - theirs.high
     span_s = max(trigger.low - start.high, 0.0)
     if closing > 0.0 and gap.high - closing * span_s <= threshold.low * closing:
@@ -130,10 +130,10 @@ def _closing_mps(view: View, who: str, along: str) -> tuple[float, list[str]]:
     fastest, fields = 0.0, list[str]()
     for phase in _BEFORE_RESOLUTION:
         names = [f"constraints.speeds.{i}.{phase}" for i in (view.event.vut_id, who)]
-        found, cell = view.spans(*names), view.cell(who, phase)
-        if found is None or cell is None:
+        spans, cell = view.spans(*names), view.cell(who, phase)
+        if spans is None or cell is None:
             continue
-        ours, theirs = found
+        ours, theirs = spans
         if along == "behind":
             closing = theirs.high - ours.low
         elif cell.heading == "opposite":

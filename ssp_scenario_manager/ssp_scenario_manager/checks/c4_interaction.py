@@ -43,14 +43,14 @@ def words_fit_the_kind(view: View) -> Iterator[Failure]:
     if kind is None:
         return
     quantity = view.event.constraints.trigger.quantity
-    for path, word, wanted in (
+    for path, word, choices in (
         ("interaction.relation", interaction.relation, {kind.relation}),
         ("interaction.zone", interaction.zone, {kind.zone}),
         ("interaction.dominant_motion", interaction.dominant_motion, kind.dominant_motions),
         ("constraints.trigger.quantity", quantity, kind.trigger_quantities),
     ):
         reason = f"{kind.name} has another"
-        yield from _fail.unless(view, word, wanted, reason, path, "interaction.type")
+        yield from _fail.unless(view, word, choices, reason, path, "interaction.type")
 
 
 def intent_fits_the_kind_and_the_motion(view: View) -> Iterator[Failure]:
@@ -61,8 +61,8 @@ def intent_fits_the_kind_and_the_motion(view: View) -> Iterator[Failure]:
         return
     if view.kind:
         reason = f"in {view.kind.name} the VUT goes on as it came"
-        wanted = view.kind.vut_intents
-        yield from _fail.unless(view, intent, wanted, reason, path, "interaction.type")
+        intents = view.kind.vut_intents
+        yield from _fail.unless(view, intent, intents, reason, path, "interaction.type")
     side = str(intent).rpartition("_")[2]
     for phase in ("approach", "trigger"):
         cell, at = view.cell(vut, phase), f"motion.{vut}.{phase}.lateral"
@@ -211,10 +211,10 @@ def separation_fits_the_time_gap(view: View) -> Iterator[Failure]:
         "constraints.time_gap",
         f"constraints.speeds.{view.event.vut_id}.conflict",
     )
-    found = view.spans(*names)
-    if found is None:
+    spans = view.spans(*names)
+    if spans is None:
         return
-    separation, gap, speed = found
+    separation, gap, speed = spans
     room = gap.low * speed.high
     if separation.low > room:
         reason = f"they pass {room:.1f} m apart at most with the smallest time gap"
@@ -246,10 +246,10 @@ def a_response_is_feasible(view: View) -> Iterator[Failure]:
     vut, c = view.event.vut_id, "constraints"
     approach = f"{c}.speeds.{view.initiator}.approach"
     names = [f"{c}.trigger.below", f"{c}.safety.acceleration", f"{c}.speeds.{vut}.trigger"]
-    found, end = view.spans(*names, approach), view.span(f"{c}.manoeuvre.end_speed")
-    if found is None or found[1].high <= 0.0:
+    spans, end = view.spans(*names, approach), view.span(f"{c}.manoeuvre.end_speed")
+    if spans is None or spans[1].high <= 0.0:
         return
-    below, limit, ours, theirs = found
+    below, limit, ours, theirs = spans
     fast, brake = ours.high, limit.high
     if view.event.constraints.trigger.quantity == "time_to_arrival":
         room, needed = fast * below.low, fast * REACTION_S + fast**2 / (2 * brake)

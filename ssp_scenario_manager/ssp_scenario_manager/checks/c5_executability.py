@@ -18,12 +18,12 @@ _EPS = 1e-9
 
 def units_are_right(view: View) -> Iterator[Failure]:
     """Check that every quantity has a unit of what its field measures."""
-    for path, found in view.quantities.items():
+    for path, interval in view.quantities.items():
         rule = view.rule(path)
         if rule is not None and view.measured(path) is None:
             yield _fail(
                 view,
-                f"{found.unit!r} is no unit of {rule.dimension}",
+                f"{interval.unit!r} is no unit of {rule.dimension}",
                 " or ".join(units_of(rule.dimension)),
                 f"{path}.unit",
                 evidence=view.said(path),
@@ -50,8 +50,8 @@ def one_unit_each(view: View) -> Iterator[Failure]:
 
 def intervals_are_shaped(view: View) -> Iterator[Failure]:
     """Check that intervals are in order, closed where they must be, and exact where needed."""
-    for path, found in view.quantities.items():
-        rule, low, high = view.rule(path), found.min, found.max
+    for path, interval in view.quantities.items():
+        rule, low, high = view.rule(path), interval.min, interval.max
         wrong: list[tuple[str, str, str]] = []
         if low is None and high is None:
             remedy = "at least one end, or `unresolved` where that is allowed"
@@ -64,7 +64,7 @@ def intervals_are_shaped(view: View) -> Iterator[Failure]:
                 if (end is None) == needed:
                     reason = f"a {rule.shape} has {'a' if needed else 'no'} {name}"
                     wrong.append(
-                        (f".{name}", reason, f"a number in {found.unit}" if needed else "null")
+                        (f".{name}", reason, f"a number in {interval.unit}" if needed else "null")
                     )
             if rule.shape == "exact" and None not in (low, high) and low != high:
                 wrong.append((".max", "must be one value", "min equal to max"))
@@ -75,17 +75,17 @@ def intervals_are_shaped(view: View) -> Iterator[Failure]:
 
 def inside_the_platform(view: View) -> Iterator[Failure]:
     """Check that no quantity exceeds what vehicles, dummies, cameras and tracks can do."""
-    for path, found in view.quantities.items():
+    for path, interval in view.quantities.items():
         span, rule = view.measured(path), view.rule(path)
         if span is None or rule is None:
             continue
-        limit, factor = rule.limit, UNITS[found.unit].factor
+        limit, factor = rule.limit, UNITS[interval.unit].factor
         for end, value in (("min", span.low), ("max", span.high)):
             if math.isfinite(value) and not limit.holds(value):
                 yield _fail(
                     view,
-                    f"{value / factor:g} {found.unit} is beyond what the platform can do",
-                    f"{limit.low / factor:.4g}–{limit.high / factor:.4g} {found.unit}",
+                    f"{value / factor:g} {interval.unit} is beyond what the platform can do",
+                    f"{limit.low / factor:.4g}–{limit.high / factor:.4g} {interval.unit}",
                     f"{path}.{end}",
                     evidence=view.said(path),
                     origin="platform limit",
@@ -102,17 +102,17 @@ UNIT_PREDICATES: tuple[Predicate, ...] = (
 
 def manoeuvre_is_complete(view: View) -> Iterator[Failure]:
     """Check that part C gives exactly the manoeuvre's quantities, by the names of its kind."""
-    kind, given = view.kind, view.event.constraints.manoeuvre
+    kind, quantities = view.kind, view.event.constraints.manoeuvre
     if kind is None:
         return
-    for name in sorted(set(kind.manoeuvre) ^ set(given)):
+    for name in sorted(set(kind.manoeuvre) ^ set(quantities)):
         missing = name in kind.manoeuvre
         yield _fail(
             view,
             f"{kind.name} {'needs' if missing else 'knows no'} {name}",
             f"an interval in {kind.manoeuvre[name]}" if missing else one_of(kind.manoeuvre),
             f"constraints.manoeuvre.{name}",
-            evidence=f"given: {one_of(given) or 'none'}; interaction.type = {kind.name}",
+            evidence=f"given: {one_of(quantities) or 'none'}; interaction.type = {kind.name}",
         )
 
 
@@ -131,11 +131,11 @@ def critical_fields_are_known(view: View) -> Iterator[Failure]:
 def conflict_comes_in_time(view: View) -> Iterator[Failure]:
     """Check that the conflict comes soon enough after the trigger to be its conflict."""
     paths = ("events.conflict.start", "events.trigger.start")
-    found = view.spans(*paths)
-    if found is not None and found[0].low - found[1].high > NO_CONFLICT_S:
+    spans = view.spans(*paths)
+    if spans is not None and spans[0].low - spans[1].high > NO_CONFLICT_S:
         yield _fail(
             view,
-            f"comes {found[0].low - found[1].high:.1f} s after the trigger; a trigger that no "
+            f"comes {spans[0].low - spans[1].high:.1f} s after the trigger; a trigger that no "
             f"conflict follows within {NO_CONFLICT_S:g} s leads to none",
             f"a conflict at most {NO_CONFLICT_S:g} s after the trigger, or a later trigger",
             *paths,
@@ -165,10 +165,10 @@ def speeds_hold_the_manoeuvre(view: View) -> Iterator[Failure]:
     kind, speeds = view.kind, f"constraints.speeds.{view.initiator}"
     for name in [n for n, unit in kind.manoeuvre.items() if unit == "m/s"] if kind else ():
         at, approach = f"constraints.manoeuvre.{name}", f"{speeds}.approach"
-        found = view.spans(approach, at)
-        if found is None or kind is None:
+        spans = view.spans(approach, at)
+        if spans is None or kind is None:
             continue
-        before, target = found
+        before, target = spans
         rises = kind.relation == "crossing" or kind.at_junction
         wrong = {
             "merge": target.high > before.high,
@@ -200,10 +200,10 @@ def vut_only_brakes(view: View) -> Iterator[Failure]:
     speeds, responses = f"constraints.speeds.{view.event.vut_id}", "longitudinal_responses"
     admissible = view.event.interaction.longitudinal_responses
     for phase in ("trigger", "conflict", "resolution"):
-        found = view.spans(f"{speeds}.{phase}", f"{speeds}.approach")
-        if found is None:
+        spans = view.spans(f"{speeds}.{phase}", f"{speeds}.approach")
+        if spans is None:
             continue
-        span, before = found
+        span, before = spans
         path = f"{speeds}.{phase}"
         if "accelerate" not in admissible and span.high > before.high + _EPS:
             reason = "no admissible response makes the VUT faster"
@@ -220,10 +220,10 @@ def lane_change_is_drivable(view: View) -> Iterator[Failure]:
         view.road("lane_width"),
         "constraints.safety.acceleration",
     )
-    found = view.spans(*names)
-    if found is None or found[0].low <= 0.0:
+    spans = view.spans(*names)
+    if spans is None or spans[0].low <= 0.0:
         return
-    time, width, limit = found
+    time, width, limit = spans
     # Half the way with, half against the least lateral acceleration: w = a t² / 4.
     needed = 4.0 * width.high / time.low**2
     if needed > limit.high:
@@ -236,10 +236,10 @@ def site_is_large_enough(view: View) -> Iterator[Failure]:
     """Check that the site is long enough for approach and braking, and wide enough at the kerb."""
     vut, who, c = view.event.vut_id, view.initiator, "constraints"
     names = [f"{c}.site.lateral_clearance", f"{c}.manoeuvre.kerb_distance"]
-    found = view.spans(*names)
-    if found and found[0].low < found[1].high:
+    spans = view.spans(*names)
+    if spans and spans[0].low < spans[1].high:
         reason = "the initiator may have to wait beyond the site's edge"
-        yield _fail(view, reason, f"at least {found[1].high:g} m", *names)
+        yield _fail(view, reason, f"at least {spans[1].high:g} m", *names)
     names = [
         f"{c}.site.length",
         f"participants.{who}.region.gap",
@@ -247,10 +247,10 @@ def site_is_large_enough(view: View) -> Iterator[Failure]:
         f"{c}.speeds.{who}.approach",
         f"{c}.trigger.below",
     ]
-    found = view.spans(*names, f"{c}.safety.acceleration")
-    if found is None or found[-1].high <= 0.0:
+    spans = view.spans(*names, f"{c}.safety.acceleration")
+    if spans is None or spans[-1].high <= 0.0:
         return
-    length, gap, ours, theirs, below, hardest = found
+    length, gap, ours, theirs, below, hardest = spans
     closing = ours.low - theirs.high
     if view.event.constraints.trigger.quantity == "time_to_arrival":
         needed = gap.high

@@ -118,19 +118,19 @@ def check_event(event: Event | Mapping[str, Any], *, reviewed: bool = True) -> l
         reviewed: whether to check part U too; False for a candidate before its review.
     """
     if not isinstance(event, Event):
-        found, failures = read(event)
-        if found is None:
+        typed_event, failures = read(event)
+        if typed_event is None:
             return failures
-        event = found
+        event = typed_event
     view = View(event)
-    told = (
+    content_failures = (
         failure
         for check, predicates in PREDICATES.items()
         if reviewed or check != "review"
         for predicate in predicates
         for failure in predicate(view)
     )
-    return list(dict.fromkeys(told))
+    return list(dict.fromkeys(content_failures))
 
 
 Why = Literal["unresolved", "not reviewed", "changed since its review", "origin not stated"]
@@ -171,7 +171,7 @@ def undecided(event: Event) -> list[UndecidedField]:
     """
     value, sealed = body(event), seals(event)
     critical = set(safety_critical_fields(event))
-    found = []
+    fields = []
     for path in granules(value):
         entry = owner(path, event.uncertainty)
         doubt = event.uncertainty[entry] if entry else None
@@ -179,7 +179,7 @@ def undecided(event: Event) -> list[UndecidedField]:
         why = _why(item, doubt, sealed.get(entry or ""), is_critical)
         if why is None:
             continue
-        found.append(
+        fields.append(
             UndecidedField(
                 field=path,
                 value=item,
@@ -191,7 +191,7 @@ def undecided(event: Event) -> list[UndecidedField]:
                 frames=frames_of(event, path),
             )
         )
-    return found
+    return fields
 
 
 def contradictions(event: Event) -> list[Failure]:
@@ -207,9 +207,9 @@ def contradictions(event: Event) -> list[Failure]:
 def frames_of(event: Event, path: str) -> tuple[int, ...]:
     """Return the evidence frames of a field on the clip's own count, as parts U and E name them."""
     entry = owner(path, event.uncertainty)
-    named = _FRAMES.search(event.uncertainty[entry].source) if entry else None
-    if named:
-        return tuple(sorted({int(number) for number in re.findall(r"\d+", named.group(1))}))
+    match = _FRAMES.search(event.uncertainty[entry].source) if entry else None
+    if match:
+        return tuple(sorted({int(number) for number in re.findall(r"\d+", match.group(1))}))
     part, _, phase = path.partition(".")
     phase = phase.partition(".")[0]
     if part != "events" or phase not in PHASES:

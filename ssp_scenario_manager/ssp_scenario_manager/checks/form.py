@@ -20,16 +20,16 @@ def read(value: Mapping[str, Any]) -> tuple[Event | None, list[Failure]]:
     try:
         return Event.model_validate(value), []
     except ValidationError as error:
-        found: dict[str, Failure] = {}
+        failures: dict[str, Failure] = {}
         for details in error.errors():
             missing = details["type"] == "missing"
             location = [part for part in details["loc"] if part != "[key]"]
             path = field_path(location, value, missing=missing)
-            found.setdefault(path, _failure(value, path, details))
+            failures.setdefault(path, _failure(value, path, details))
     # Of a union pydantic names every member; what is wrong inside one of them says more.
-    outer = {split(path)[:end] for path in found for end in range(1, len(split(path)))}
-    told = (failure for path, failure in found.items() if split(path) not in outer)
-    return None, list(told)
+    outer = {split(path)[:end] for path in failures for end in range(1, len(split(path)))}
+    innermost_failures = (failure for path, failure in failures.items() if split(path) not in outer)
+    return None, list(innermost_failures)
 
 
 def vocabulary(path: str) -> tuple[str, ...]:
@@ -45,19 +45,19 @@ def allowed(path: str) -> str:
 def _failure(value: Mapping[str, Any], path: str, details: ErrorDetails) -> Failure:
     kind, annotation = details["type"], _annotation(split(path))
     check: Check = "form"
-    found = details.get("input")
-    evidence, remedy = f"{path} = {_shown(found)}", wanted(annotation)
+    raw_value = details.get("input")
+    evidence, remedy = f"{path} = {_excerpt(raw_value)}", wanted(annotation)
     words = _words(annotation)
     if kind == "extra_forbidden" or "[key]" in details["loc"]:
         evidence, reason = "is there", "no field is called that"
         remedy = wanted(_annotation(split(path)[:-1]))
     elif kind == "missing":
         evidence, reason = "not there", "is missing"
-    elif found == "any" and path.startswith("topology."):
+    elif raw_value == "any" and path.startswith("topology."):
         check, reason = "C2", "says nothing about the source"
         remedy = f"what the source shows ({remedy}), and what may differ in varies"
     elif words:
-        reason = "is not in the vocabulary" if isinstance(found, str) else "is of another type"
+        reason = "is not in the vocabulary" if isinstance(raw_value, str) else "is of another type"
     else:
         reason = details["msg"].partition(" [")[0]
     entries = value.get("uncertainty")
@@ -68,7 +68,7 @@ def _failure(value: Mapping[str, Any], path: str, details: ErrorDetails) -> Fail
     return Failure(check, path or "(top)", evidence, reason, origin, remedy)
 
 
-def _shown(value: Any) -> str:
+def _excerpt(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 80 else text[:77] + "..."
 
@@ -119,11 +119,11 @@ def _words(annotation: Any) -> tuple[Any, ...]:
 
 def wanted(annotation: Any) -> str:
     """Describe the values that a type allows, in words for a remedy."""
-    texts = [text for member in _members(annotation) if (text := _wanted(member))]
+    texts = [text for member in _members(annotation) if (text := _member_text(member))]
     return " or ".join(dict.fromkeys(texts)) or "nothing"
 
 
-def _wanted(member: Any) -> str:
+def _member_text(member: Any) -> str:
     origin, arguments = get_origin(member), get_args(member)
     if origin is Literal:
         return ", ".join(map(str, arguments))

@@ -51,18 +51,18 @@ def probe_command(server: str, map_file: Path | None, out: Path, as_json: bool) 
     differ. Exit status 1 when a check fails or the server is refused.
     """
     address = parse_address(server, "HOST[:PORT]")
-    wanted = None if map_file is None else map_sha256(map_file)
+    map_digest = None if map_file is None else map_sha256(map_file)
     started = datetime.now(UTC)
-    with CarlaServer(address) as found:
-        if restored := found.restore_left():
+    with CarlaServer(address) as carla_server:
+        if restored := carla_server.restore_left():
             console.note(restored)
-        facts = found.facts()
-        refused = refusals(facts, wanted)
+        facts = carla_server.facts()
+        refused = refusals(facts, map_digest)
         if refused:
             lines = "".join(f"\n  {one.text}; {one.remedy}" for one in refused)
             raise PeerError(f"CARLA server {address} is refused:{lines}")
-        report = probe(found, facts, address, started, console.note)
-        left = found.close()
+        report = probe(carla_server, facts, address, started, console.note)
+        left = carla_server.close()
     write_report(out, report)
     if as_json:
         click.echo(report.model_dump_json(by_alias=True))

@@ -132,7 +132,7 @@ def compile_event(
         raise
     folder = out or _default_folder(compiled)
     files = write_folder(compiled, folder, replace=force)
-    _done(compiled, folder, files, as_json)
+    _print_report(compiled, folder, files, as_json)
     return 0
 
 
@@ -161,7 +161,9 @@ def _refused(error: NotChosen | EventRefused, as_json: bool) -> None:
         click.echo(json.dumps({"failures": failures, "error": str(error)}))
 
 
-def _done(compiled: CompiledEvent, folder: Path, files: Sequence[Path], as_json: bool) -> None:
+def _print_report(
+    compiled: CompiledEvent, folder: Path, files: Sequence[Path], as_json: bool
+) -> None:
     task = compiled.task
     unvalidated = task.target == "track" and task.validated_by is None
     if as_json:
@@ -199,23 +201,23 @@ def _done(compiled: CompiledEvent, folder: Path, files: Sequence[Path], as_json:
 
 
 def _print_scores(scores: Sequence[BlockScore], winner: str | None) -> None:
-    shown = scores[:_MOST_ROWS]
-    names = (len(score.block) for score in shown)
+    top_scores = scores[:_MOST_ROWS]
+    names = (len(score.block) for score in top_scores)
     wide = max((length for length in names if length <= _MOST_NAME), default=5)
     console.out.print(f"{'block':{wide}}      T      I      C  total", markup=False)
-    for score in shown:
+    for score in top_scores:
         numbers = (score.topology, score.interaction, score.constraints, score.total)
-        told = "; ".join(score.reasons)
+        remark = "; ".join(score.reasons)
         if score.block == winner:
-            told = f"chosen; {told}" if told else "chosen"
+            remark = f"chosen; {remark}" if remark else "chosen"
         elif not score.eligible:
-            told = f"rejected: {told}"
+            remark = f"rejected: {remark}"
         name = f"{score.block:{wide}}"
         if len(name) > wide:
             console.out.print(name, markup=False, soft_wrap=True)
             name = " " * wide
         row = f"{name}  " + "  ".join(f"{value:.3f}" for value in numbers)
-        console.out.print(f"{row}  {told}".rstrip(), markup=False)
+        console.out.print(f"{row}  {remark}".rstrip(), markup=False)
     if len(scores) > _MOST_ROWS:
         console.out.print(
             f"and {len(scores) - _MOST_ROWS} more blocks (--json has all)", markup=False

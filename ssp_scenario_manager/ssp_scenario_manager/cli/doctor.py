@@ -151,7 +151,7 @@ def _listen(
     from ssp_scenario_manager.ros.session_listener import listen
 
     with console.progress("listening", _STEPS) as bar:
-        heard = listen(
+        observations = listen(
             spec,
             seconds,
             lambda share: bar.update(bar.task_ids[0], completed=share * _STEPS),
@@ -160,7 +160,7 @@ def _listen(
             navsat,
         )
         bar.update(bar.task_ids[0], completed=_STEPS)
-    return session_findings(spec, heard)
+    return session_findings(spec, observations)
 
 
 def _print_line(finding: Finding) -> None:

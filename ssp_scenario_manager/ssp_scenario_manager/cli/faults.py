@@ -100,7 +100,7 @@ def faults(
     folder of its row; the table is written as faults.html and faults.json. Exit status 1
     when any cell is not as expected.
     """
-    cells = _chosen(only, stages)
+    cells = _select_cells(only, stages)
     if show:
         for row, stage in cells:
             console.out.print(f"{row.name} {stage.value}", markup=False)
@@ -133,7 +133,7 @@ def faults(
     return 0 if facts["as_expected"] else 1
 
 
-def _chosen(only: Sequence[str], stages: Sequence[str]) -> list[tuple[Row, Stage]]:
+def _select_cells(only: Sequence[str], stages: Sequence[str]) -> list[tuple[Row, Stage]]:
     try:
         patterns = [re.compile(text) for text in only]
     except re.error as error:

@@ -125,8 +125,8 @@ def loop(
         return _again(plan_file, again, out, as_json)
     if out is None:
         raise click.UsageError("give the folder of the campaign with --out")
-    named = [named_driver(text, insecure=drive_insecure) for text in drive_texts]
-    further = [CampaignDriver(driver=name, options=options) for name, options in named]
+    driver_pairs = [named_driver(text, insecure=drive_insecure) for text in drive_texts]
+    further = [CampaignDriver(driver=name, options=options) for name, options in driver_pairs]
     plan = load_plan(plan_file, further)
     # Models that are loaded, starts and bags would disturb what another command measures, too.
     alone = measuring_alone if plan.is_measured else beside_measuring
@@ -152,11 +152,11 @@ def _say(rates: Sequence[Rates], refused: Sequence[str], out: Path, as_json: boo
     cards = load_cards(out / CARDS_FILE)
     if as_json:
         numbers = group_numbers(cards)
-        told = [
+        rows = [
             {**asdict(one), "latency": str(one.latency), "group": numbers[one.driver]}
             for one in rates
         ]
-        click.echo(json.dumps(told))
+        click.echo(json.dumps(rows))
     else:
         groups = zip(groups_of(cards), headings_of(cards), strict=True)
         for k, (group, words) in enumerate(groups, 1):
@@ -174,10 +174,10 @@ def _counted(bar: Progress) -> Callable[[int, int], None]:
     """Return what shows the runs that are done; those of an earlier call took no time of this."""
     begun = False
 
-    def count(done: int, total: int) -> None:
+    def count(run_count: int, total: int) -> None:
         nonlocal begun
         show = bar.update if begun else bar.reset
-        show(bar.task_ids[0], total=total, completed=done)
+        show(bar.task_ids[0], total=total, completed=run_count)
         begun = True
 
     return count
@@ -195,7 +195,7 @@ def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
             console.note("SSP failed in this run and kept no answers: the model is asked again")
         alone = measuring_alone if measures else beside_measuring
         with alone(console.note):
-            told = run_one(
+            result_fields = run_one(
                 spec,
                 folder,
                 as_json,
@@ -203,7 +203,7 @@ def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
                 further=partial(told_with_view, folder, again.kept, again.before),
                 answers=repeated(again.kept),
             )
-    return 0 if told["verdict"] == "valid" else 1
+    return 0 if result_fields["verdict"] == "valid" else 1
 
 
 def _line(one: Rates) -> str:

@@ -65,11 +65,11 @@ def maps(place: str, only: str | None, as_json: bool) -> int:
 
 def _no_routes(library: Library, junction: str, refused: Sequence[tuple[str, str]]) -> InputError:
     """Return the refusal of a junction that isn't there, or that no route leads through."""
-    known = sorted({block.junction for block in library.blocks if block.junction is not None})
-    problem, remedy = "there is no such junction", f"there are {', '.join(known) or 'none'}"
-    if junction in known:
-        told = "; ".join(f"{name}: {why}" for name, why in refused)
-        problem, remedy = f"no route leads through it: {told}", "mend the map, or name another"
+    junctions = sorted({block.junction for block in library.blocks if block.junction is not None})
+    problem, remedy = "there is no such junction", f"there are {', '.join(junctions) or 'none'}"
+    if junction in junctions:
+        reasons = "; ".join(f"{name}: {why}" for name, why in refused)
+        problem, remedy = f"no route leads through it: {reasons}", "mend the map, or name another"
     return InputError(
         problem, file=library.source, field="--junction", value=junction, remedy=remedy
     )

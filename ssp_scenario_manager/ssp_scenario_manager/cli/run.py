@@ -301,7 +301,7 @@ def run(
         _tell(spec, draft, compiled)
         if swept:
             return run_many(spec, folder, vary, runs, jobs or 1, as_json)
-        kept = kept_answers(spec, drive, Path(what))
+        answers = kept_answers(spec, drive, Path(what))
         repeats = spec.driven is not None and drive is None and faults_file is None
         before = before_of_folder(Path(what)) if repeats else None
         if repeats and before is None:
@@ -332,18 +332,18 @@ def run(
         click.get_current_context().with_resource(run_folder(folder, draft / TASK_FOLDER))
     if in_process:
         drawn_by = servers.get(names.FRONT_CAMERA)
-        told = run_one(
+        result_fields = run_one(
             spec,
             folder,
             as_json,
             recorded=record,
             server=drawn_by,
-            further=partial(told_with_view, folder, kept, before),
-            answers=repeated(kept),
+            further=partial(told_with_view, folder, answers, before),
+            answers=repeated(answers),
         )
         if junit is not None:
-            write_junit(junit, "ssp run", [_case(spec, folder, told)])
-        return 0 if told["verdict"] == "valid" else 1
+            write_junit(junit, "ssp run", [_case(spec, folder, result_fields)])
+        return 0 if result_fields["verdict"] == "valid" else 1
     from ssp_scenario_manager.run.over_dds import run_session
 
     result = run_session(
@@ -355,8 +355,8 @@ def run(
         video,
         shadows,
         servers,
-        partial(told_of_session, before, kept),
-        None if kept is None else (Path(what) / ANSWERS_FILE).resolve(),
+        partial(told_of_session, before, answers),
+        None if answers is None else (Path(what) / ANSWERS_FILE).resolve(),
     )
     _say_session(spec, folder, result, as_json)
     if junit is not None:
@@ -445,7 +445,7 @@ def _with_carla(
     Raises:
         InputError: there is none, or CARLA can't draw or move this run.
     """
-    found: dict[str, ServerOfRun] = {}
+    servers: dict[str, ServerOfRun] = {}
     before = None if spec.camera is None else spec.camera.renderer
     if _asks_carla("--camera", camera, "raster", before):
         if spec.camera is None:
@@ -455,22 +455,22 @@ def _with_carla(
                 value=camera,
                 remedy="leave --camera out, or compile the run with a camera",
             )
-        found[names.FRONT_CAMERA] = _server("--camera", camera, spec, task, folder)
+        servers[names.FRONT_CAMERA] = _server("--camera", camera, spec, task, folder)
     if spec.camera is not None:
-        renderer = "carla" if names.FRONT_CAMERA in found else "raster"
+        renderer = "carla" if names.FRONT_CAMERA in servers else "raster"
         if spec.camera.renderer != renderer:
             spec = with_value(spec, "camera.renderer", renderer)
     if _asks_carla("--plant", plant, "bodies", spec.plant):
-        found[names.SIL_WORLD] = _server("--plant", plant, spec, task, folder)
-    if len(found) > 1:
+        servers[names.SIL_WORLD] = _server("--plant", plant, spec, task, folder)
+    if len(servers) > 1:
         raise InputError(
             "goes without --camera carla://…: one client ticks a server",
             field="--plant",
             value=plant,
             remedy="leave --camera out, and have the recording drawn by `ssp draw` afterwards",
         )
-    moves = "carla" if names.SIL_WORLD in found else "bodies"
-    return spec.model_copy(update={"plant": moves}), found
+    moves = "carla" if names.SIL_WORLD in servers else "bodies"
+    return spec.model_copy(update={"plant": moves}), servers
 
 
 def _asks_carla(option: str, text: str | None, ours: str, before: str | None) -> bool:
@@ -532,15 +532,15 @@ def _nodes(spec: RunSpec) -> list[str]:
     return always + ([names.FRONT_CAMERA] if spec.camera is not None else [])
 
 
-def _case(spec: RunSpec, folder: Path, told: dict[str, Any] | None = None) -> Case:
+def _case(spec: RunSpec, folder: Path, result_fields: dict[str, Any] | None = None) -> Case:
     """Return the run as result.json tells it, None before the end."""
     facts = {"seed": str(spec.seed), "mode": spec.mode, "folder": str(folder)}
     group = f"{spec.scenario}.{spec.site}"
-    if told is None:
+    if result_fields is None:
         return Case(group, spec.run_id, RunOutcome(Verdict.NONE, ("did not end",)), 0.0, facts)
-    outcome = RunOutcome(Verdict[told["verdict"].upper()], tuple(told["reasons"]))
+    outcome = RunOutcome(Verdict[result_fields["verdict"].upper()], tuple(result_fields["reasons"]))
     # A run in one process has no time but its own, so that its result is the same every time.
-    took_s = told.get("wall_s", told["session_s"])
+    took_s = result_fields.get("wall_s", result_fields["session_s"])
     return Case(group, spec.run_id, outcome, took_s, facts)
 
 

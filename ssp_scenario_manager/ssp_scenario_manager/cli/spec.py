@@ -84,8 +84,8 @@ def _report(name: str) -> dict[str, Any]:
     failures = check_event(value)
     if not any(failure.check == "form" for failure in failures):
         report["version"] = event_version(Event.model_validate(value))
-    found = [failure.as_dict() for failure in failures]
-    return report | {"file": str(path), "ok": not failures, "failures": found}
+    failure_entries = [failure.as_dict() for failure in failures]
+    return report | {"file": str(path), "ok": not failures, "failures": failure_entries}
 
 
 def _print_report(report: dict[str, Any]) -> None:
@@ -107,8 +107,8 @@ def _print_group(group: Sequence[Failure], file: str) -> None:
     """Print once the failures that one action mends; `--json` has every failure by itself."""
     first = group[0]
     fields = [failure.field for failure in group]
-    said = {name: getattr(first, name) for name in ("evidence", "reason", "origin", "remedy")}
-    said["remedy"] = said["remedy"].replace(" FILE", f" {file}")
+    texts = {name: getattr(first, name) for name in ("evidence", "reason", "origin", "remedy")}
+    texts["remedy"] = texts["remedy"].replace(" FILE", f" {file}")
     title = first.field
     if first.origin == "open decision":
         click.echo(f"\n  {click.style(f'{len(group)} open decisions', bold=True)}")
@@ -118,17 +118,17 @@ def _print_group(group: Sequence[Failure], file: str) -> None:
         click.echo(visible(f"    fill them in, or {then} asks for each"))
         return
     if len(group) > 1:
-        title, said["evidence"] = f"{len(group)} fields", _named(fields)
+        title, texts["evidence"] = f"{len(group)} fields", _name_list(fields)
     click.echo(f"\n  {click.style(f'{first.check:<6}', bold=True)} {visible(title)}")
-    for name, text in said.items():
+    for name, text in texts.items():
         label = "fields" if name == "evidence" and len(group) > 1 else name
         click.echo(f"    {click.style(f'{label:<9}', dim=True)} {visible(text)}")
 
 
-def _named(fields: Sequence[str]) -> str:
-    shown = ", ".join(fields[:MOST_NAMED])
+def _name_list(fields: Sequence[str]) -> str:
+    listing = ", ".join(fields[:MOST_NAMED])
     more = len(fields) - MOST_NAMED
-    return f"{shown} and {more} more" if more > 0 else shown
+    return f"{listing} and {more} more" if more > 0 else listing
 
 
 @spec.command()
@@ -217,23 +217,23 @@ def diff(first: str, second: str, as_json: bool) -> int:
     Exit status 1 if they differ.
     """
     (old, old_version), (new, new_version) = load_event(first), load_event(second)
-    found = differences(old, new)
+    changes = differences(old, new)
     if as_json:
-        items = [item.as_dict() for item in found]
+        items = [item.as_dict() for item in changes]
         versions = {"first": old_version, "second": new_version}
         click.echo(
             json.dumps(
-                {"same": not found, "versions": versions, "differences": items},
+                {"same": not changes, "versions": versions, "differences": items},
                 indent=1,
                 sort_keys=True,
             )
         )
-        return 1 if found else 0
-    if not found:
+        return 1 if changes else 0
+    if not changes:
         click.echo(f"the same version: {old_version}")
         return 0
     click.echo(visible(f"{first}  {old_version}\n{second}  {new_version}"))
-    for item in found:
+    for item in changes:
         click.echo(f"\n  {click.style(visible(item.field), bold=True)}")
         _print_side("-", "red", item.old, missing=item.where == "second")
         _print_side("+", "green", item.new, missing=item.where == "first")

@@ -151,28 +151,30 @@ def extract_command(
     chat = OpenAIChat(base_url, model, key, policy, console.note, remedies=_REMEDIES)
     with taken_folder(order.store), console.progress(f"asking {model}", None) as bar:
         task = bar.task_ids[0]
-        found = extract(
+        extraction = extract(
             order,
             chat,
             utc_now,
             lambda done, total: bar.update(task, completed=done, total=total),
         )
     if as_json:
-        click.echo(json.dumps({"candidate": str(order.candidate), **found.as_dict()}, indent=1))
+        click.echo(
+            json.dumps({"candidate": str(order.candidate), **extraction.as_dict()}, indent=1)
+        )
     else:
-        _report(order, found)
-    for note in found.notes:
+        _report(order, extraction)
+    for note in extraction.notes:
         console.note(f"note: {note}")
 
 
 def _event_name(name: str | None, video: Path) -> str:
-    found = name or re.sub(r"[^a-z0-9]+", "_", video.stem.lower()).strip("_")[:32]
-    if not _NAME.fullmatch(found):
+    event_name = name or re.sub(r"[^a-z0-9]+", "_", video.stem.lower()).strip("_")[:32]
+    if not _NAME.fullmatch(event_name):
         raise click.UsageError(
-            f"{found!r} is no name of an event: give --name with a letter first, then at most 31 "
-            "of a-z, 0-9 and _"
+            f"{event_name!r} is no name of an event: give --name with a letter first, then at most "
+            "31 of a-z, 0-9 and _"
         )
-    return found
+    return event_name
 
 
 def _checked_url(url: str) -> str:
@@ -190,25 +192,25 @@ def _key(variable: str | None) -> str | None:
     return check_key(variable, os.environ.get(variable), remedy)
 
 
-def _report(order: Order, found: ExtractedEvent) -> None:
+def _report(order: Order, extraction: ExtractedEvent) -> None:
     out = console.out
     out.print(
-        f"{order.candidate}: candidate {found.version[:19]}, {found.clip.duration_s:.2f} s, "
-        f"{len(found.clip.shots)} frames shown",
+        f"{order.candidate}: candidate {extraction.version[:19]}, "
+        f"{extraction.clip.duration_s:.2f} s, {len(extraction.clip.shots)} frames shown",
         markup=False,
     )
-    if found.clip.spacing_s > WIDE_SPACING_S:
+    if extraction.clip.spacing_s > WIDE_SPACING_S:
         console.note(
-            f"note: frames are {found.clip.spacing_s:.2f} s apart, and phases are known no better; "
-            "give more --frames or a shorter crop"
+            f"note: frames are {extraction.clip.spacing_s:.2f} s apart, and phases are known no "
+            "better; give more --frames or a shorter crop"
         )
-    critical = [item for item in found.undecided if item.critical]
-    others = len(found.undecided) - len(critical)
+    critical = [item for item in extraction.undecided if item.critical]
+    others = len(extraction.undecided) - len(critical)
     out.print(f"\nA person must decide {len(critical)} safety-critical fields:", markup=False)
     for line in _lines(critical):
         out.print(line, markup=False)
     out.print(f"and may accept {others} others together.", markup=False)
-    doubts = [finding for finding in found.gate if finding.answer != "no"]
+    doubts = [finding for finding in extraction.gate if finding.answer != "no"]
     if doubts:
         out.print("\nThe model doubts that the clip will do; a person may refuse it:", markup=False)
         for finding in doubts:
@@ -217,9 +219,9 @@ def _report(order: Order, found: ExtractedEvent) -> None:
                 f"  {finding.reason}: {finding.answer} ({finding.confidence:.2f}, frames {frames})",
                 markup=False,
             )
-    if found.failures:
+    if extraction.failures:
         out.print("\nChecks that don't hold yet:", markup=False)
-        for failure in found.failures:
+        for failure in extraction.failures:
             text = f"  {failure.check} {failure.field}: {failure.reason} ({failure.evidence})"
             out.print(text, markup=False)
     files = [shlex.quote(str(path)) for path in (order.candidate, order.video)]
@@ -279,8 +281,8 @@ def review_command(
     if reason and not accept_all:
         raise click.UsageError("--reason belongs to --accept-all")
     log = log or log_path(file)
-    found = read_mapping(file)
-    schema = found.get("schema")
+    contents = read_mapping(file)
+    schema = contents.get("schema")
     if schema in REVIEWERS:
         if video or everything or accept_all:
             raise click.UsageError("--video, --all and --accept-all are for events, not for labels")

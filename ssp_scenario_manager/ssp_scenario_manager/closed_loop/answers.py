@@ -100,9 +100,9 @@ def row_file(campaign: Path, row: int) -> Path:
     return campaign / ANSWERS_FOLDER / f"{row:06d}.json"
 
 
-def save_answers(path: Path, kept: KeptAnswers) -> None:
+def save_answers(path: Path, answers: KeptAnswers) -> None:
     """Write a file of answers; numbers that aren't finite stand in it as such."""
-    write_text(path, json.dumps(asdict(kept)) + "\n")
+    write_text(path, json.dumps(asdict(answers)) + "\n")
 
 
 def load_answers(path: Path, remedy: str, driven: Driven | None = None) -> KeptAnswers:
@@ -121,26 +121,28 @@ def load_answers(path: Path, remedy: str, driven: Driven | None = None) -> KeptA
         raise InputError("isn't there", file=path, remedy=remedy)
     value = read_json(path, remedy, MOST_ANSWER_BYTES)
     try:
-        kept = _FORM.validate_python(value)
+        answers = _FORM.validate_python(value)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(map(str, first["loc"]))
         raise InputError(first["msg"], file=path, field=field, remedy=remedy) from None
-    wanted = {} if driven is None else asdict(Question.of(driven))
-    for name, theirs in asdict(kept.asked).items():
-        if wanted.get(name, theirs) != theirs:
+    question = {} if driven is None else asdict(Question.of(driven))
+    for name, theirs in asdict(answers.asked).items():
+        if question.get(name, theirs) != theirs:
             raise InputError(
-                f"the answers are of another run: this one has {wanted[name]}",
+                f"the answers are of another run: this one has {question[name]}",
                 file=path,
                 field=f"asked.{name}",
                 value=theirs,
                 remedy=remedy,
             )
-    return kept
+    return answers
 
 
-def repeated(kept: KeptAnswers | None, *, event: bool = True) -> tuple[RecordedAnswer, ...] | None:
+def repeated(
+    answers: KeptAnswers | None, *, event: bool = True
+) -> tuple[RecordedAnswer, ...] | None:
     """Return the answers that a driver repeats in a run, or in its event-free twin."""
-    if kept is None:
+    if answers is None:
         return None
-    return kept.event if event else kept.free
+    return answers.event if event else answers.free

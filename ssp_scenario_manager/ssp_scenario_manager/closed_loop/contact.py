@@ -64,8 +64,8 @@ def first_touch(run: RunSpec, reports: Sequence[StepReport]) -> Contact | None:
         run: has the road.
         reports: of the steps that count, in time order.
     """
-    found = [first_contact(reports, run.vut.id), _scenery_contact(run, reports)]
-    touched = [contact for contact in found if contact is not None]
+    contacts = [first_contact(reports, run.vut.id), _scenery_contact(run, reports)]
+    touched = [contact for contact in contacts if contact is not None]
     return min(touched, key=lambda contact: contact.stamp_ns, default=None)
 
 
@@ -118,12 +118,12 @@ def _entered(
     """
     line, vut_id = ReferenceLine.of_road(run.road), run.vut.id
     was, now = ({s.object_id: _across(line, s) for s in states} for states in (before, at))
-    found = []
+    lane_entries = []
     for own, its in ((vut_id, other_id), (other_id, vut_id)):
         lane = _lane_at(run, was[its].middle_m)
         if lane is not None and now[own].is_in(*lane) and not was[own].is_in(*lane):
-            found.append(f"{own} entered the lane of {its}")
-    return found
+            lane_entries.append(f"{own} entered the lane of {its}")
+    return lane_entries
 
 
 @dataclass(frozen=True, slots=True)

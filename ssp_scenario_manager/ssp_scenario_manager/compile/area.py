@@ -130,7 +130,7 @@ class OperatingArea:
     def site_block(self, block: Block) -> SiteBlock | None:
         """Return the block as the site's file has it, with its surroundings; None for a map."""
         blocks = self.site.blocks if self.site is not None else []
-        return next((found for found in blocks if found.id == block.block_id), None)
+        return next((candidate for candidate in blocks if candidate.id == block.block_id), None)
 
     def routes_with(self, block: Block) -> dict[str, Block]:
         """Return the routes through the junction of a route, by their ids; none of another block.
@@ -179,10 +179,10 @@ class OperatingArea:
         Empty for a map.
         """
         site = self.site
-        found: list[Region] = [] if site is None else getattr(site, name)
+        site_regions: list[Region] = [] if site is None else getattr(site, name)
         return [
             region_polygon(site, region, f"{name}[{i}]")
-            for i, region in enumerate(found)
+            for i, region in enumerate(site_regions)
             if site is not None
         ]
 
@@ -299,8 +299,8 @@ def check_reachable(
     import shapely  # slow to import
 
     # Regions that follow each other along a road meet at a seam.
-    drawn = [shapely.Polygon(region).buffer(_SEAM_M, join_style="mitre") for region in regions]
-    together = shapely.union_all(drawn)
+    polygons = [shapely.Polygon(region).buffer(_SEAM_M, join_style="mitre") for region in regions]
+    together = shapely.union_all(polygons)
     shapely.prepare(together)
     for spec, path in _paths(run, block, plan):
         if spec.id == VUT_ID:
@@ -355,20 +355,20 @@ _FIRES_SHARE = 2.0
 
 
 def clear_traffic(
-    wanted: Sequence[TrafficSpec], lanes: Sequence[BlockLane], plan: Plan
+    vehicles: Sequence[TrafficSpec], lanes: Sequence[BlockLane], plan: Plan
 ) -> tuple[list[TrafficSpec], list[str]]:
     """Return the vehicles that keep clear of the event, and why the others were left out.
 
     They drive straight on at constant speed, as SUMO has them do.
     """
-    kept, left_out = [], []
-    for vehicle, lane in zip(wanted, lanes, strict=True):
+    clear_vehicles, left_out = [], []
+    for vehicle, lane in zip(vehicles, lanes, strict=True):
         reason = _in_the_way(vehicle, lane, plan)
         if reason is None:
-            kept.append(vehicle)
+            clear_vehicles.append(vehicle)
         else:
             left_out.append(f"{vehicle.id}: {reason}")
-    return kept, left_out
+    return clear_vehicles, left_out
 
 
 def _in_the_way(vehicle: TrafficSpec, lane: BlockLane, plan: Plan) -> str | None:

@@ -80,8 +80,8 @@ def value_at(run: RunSpec, field: str, file: str | Path | None = None) -> Any:
     if has(mapping, field):
         return get(mapping, field)
     whole = [split(leaf) for leaf, _ in leaves(mapping)]
-    known = {join(parts[:end]): None for parts in whole for end in range(1, len(parts) + 1)}
-    near = get_close_matches(field, known, n=3, cutoff=0.5)
+    fields = {join(parts[:end]): None for parts in whole for end in range(1, len(parts) + 1)}
+    near = get_close_matches(field, fields, n=3, cutoff=0.5)
     raise InputError(
         "is no field of the run",
         file=file,
@@ -203,15 +203,15 @@ def differences(compiled: RunSpec, executed: RunSpec) -> list[Difference]:
     if executed.mode == "live" and compiled.domain == "physical":
         compiled = as_live(compiled)
     before, after = _fields(compiled), _fields(executed)
-    found = []
+    changes = []
     for field in dict.fromkeys([*before, *after]):
         old, new = before.get(field, _ABSENT), after.get(field, _ABSENT)
         if OF_THE_RUN & {_outermost(field), field} or same_value(old, new):
             continue
-        found.append(
+        changes.append(
             Difference(field, None if old is _ABSENT else old, None if new is _ABSENT else new)
         )
-    return found
+    return changes
 
 
 def _fields(run: RunSpec) -> dict[str, Any]:

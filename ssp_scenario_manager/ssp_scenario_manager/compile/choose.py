@@ -95,11 +95,11 @@ def choose_block(
     Raises:
         NotChosen: none fits; or several that score alike fit, and no choice among them was given.
     """
-    found = {score.block: score for score in scores}
+    scores_by_block = {score.block: score for score in scores}
     blocks = {block.block_id: block for block in library.blocks}
 
     def fitting(ids: Sequence[str], enough: int) -> list[Realisation]:
-        """Return the first blocks that the event fits onto; ``found`` gets the others' reasons."""
+        """Return the first blocks that the event fits onto; the scores get the others' reasons."""
         fits: list[Realisation] = []
         for block in ids:
             if len(fits) == enough:
@@ -108,16 +108,16 @@ def choose_block(
             try:
                 fits.append(place(blocks[block]))
             except CannotPlace as error:
-                reasons = [*found[block].reasons, str(error)]
+                reasons = [*scores_by_block[block].reasons, str(error)]
                 update = {"eligible": False, "reasons": reasons}
-                found[block] = found[block].model_copy(update=update)
+                scores_by_block[block] = scores_by_block[block].model_copy(update=update)
         return fits
 
     def refused(
         problem: str, remedy: str, tied: Sequence[str] = (), value: object = None
     ) -> NotChosen:
-        told = list(found.values())
-        return NotChosen(problem, told, tied, file=library.source, value=value, remedy=remedy)
+        all_scores = list(scores_by_block.values())
+        return NotChosen(problem, all_scores, tied, file=library.source, value=value, remedy=remedy)
 
     if choice is not None and choice not in blocks:
         remedy = "name one of those that tie, with --choose"
@@ -131,15 +131,15 @@ def choose_block(
             tied = tuple(block for block in ids if block == choice or block in beside)
             # Where no other block fits, there was nothing to choose.
             by, tied = (who or "", tied) if beside else (HIGHEST, ())
-            return Winner(mine[0], list(found.values()), by, tied)
+            return Winner(mine[0], list(scores_by_block.values()), by, tied)
         fits = fitting(others, ENOUGH if choice is None or choice in ids else 1)
         names = [fit.block.block_id for fit in fits]
         if fits and choice is not None:
-            why = "".join(f": {reason}" for reason in found[choice].reasons[:1])
+            why = "".join(f": {reason}" for reason in scores_by_block[choice].reasons[:1])
             remedy = f"the best that fit: {_some(names)}"
             raise refused(f"is not among the best blocks{why}", remedy, names, choice)
         if len(fits) == 1:
-            return Winner(fits[0], list(found.values()), HIGHEST, ())
+            return Winner(fits[0], list(scores_by_block.values()), HIGHEST, ())
         if fits:
             count = f"{'' if len(fits) < ENOUGH else 'at least '}{len(fits)} blocks"
             remedy = "choose one: ssp compile … --choose BLOCK --who NAME; the choice is logged"
@@ -149,11 +149,13 @@ def choose_block(
     hint = would_do(blocks[best]) if best is not None else None
     if best is None:
         # The chosen block first.
-        hint = other_lanes([blocks[name] for name in sorted(found, key=lambda n: n != choice)])
+        hint = other_lanes(
+            [blocks[name] for name in sorted(scores_by_block, key=lambda n: n != choice)]
+        )
     elif hint:
         hint = f"On {best}, {hint}"
     raise refused(
-        f"no block of it fits: {_why(list(found.values()))}{_left_out(library.faults)}",
+        f"no block of it fits: {_why(list(scores_by_block.values()))}{_left_out(library.faults)}",
         f"{remedy}. {hint}" if hint else remedy,
     )
 
@@ -174,8 +176,8 @@ def _some(names: Sequence[str], most: int = 8) -> str:
 
 def _left_out(faults: Sequence[tuple[str, str]], most: int = 3) -> str:
     """Return roads that the map has and that no block was made of, with the reasons."""
-    told = "".join(f"; {name} is left out: {why}" for name, why in faults[:most])
-    return told + (f"; and {len(faults) - most} more roads" if len(faults) > most else "")
+    text = "".join(f"; {name} is left out: {why}" for name, why in faults[:most])
+    return text + (f"; and {len(faults) - most} more roads" if len(faults) > most else "")
 
 
 def _why(scores: Sequence[BlockScore]) -> str:
@@ -203,10 +205,10 @@ def fitting_trigger(event: Event, place: Callable[[Event], object]) -> str | Non
     Returns:
         None where the trigger's value isn't what is wrong.
     """
-    asked = quantity_at(event, FIELD)
-    if not isinstance(asked, Interval) or asked.min is None or asked.max is None:
+    quantity = quantity_at(event, FIELD)
+    if not isinstance(quantity, Interval) or quantity.min is None or quantity.max is None:
         return None
-    allowed, unit = asked.si, units_of(UNITS[asked.unit].dimension)[0]
+    allowed, unit = quantity.si, units_of(UNITS[quantity.unit].dimension)[0]
     tried = [(k, allowed.high * _RATIO**k) for k in range(1, _ABOVE + 1)]
     tried += [(k, allowed.low / _RATIO**k) for k in range(1, _BELOW + 1)]
     for value in (round(value, 1) for _, value in sorted(tried)):
@@ -252,6 +254,6 @@ def fitting_lanes(
             if tried == _MOST_TRIED:
                 break
             continue
-        made = f"`ssp spec clip {name} --lanes {same}+{opposite}`"
-        return f"{made} makes an event that fits on {block.block_id}"
+        command = f"`ssp spec clip {name} --lanes {same}+{opposite}`"
+        return f"{command} makes an event that fits on {block.block_id}"
     return None

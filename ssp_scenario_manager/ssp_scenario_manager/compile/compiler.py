@@ -61,7 +61,7 @@ def _source(event: Event, link: EventLink) -> Record:
 
 
 def _decisions(
-    request: Request, task: Task, chosen: Winner, validated: SimulationOutcome | None
+    request: Request, task: Task, winner: Winner, validated: SimulationOutcome | None
 ) -> Iterator[Record]:
     """Record the values that were chosen, left out and taken over (METHOD 2.2, 2.3)."""
     event, version = task.event, {"task_version": task.version}
@@ -75,19 +75,19 @@ def _decisions(
             new=tuning.value,
             details={**version, "unit": tuning.unit},
         )
-    for text in chosen.realisation.left_out:
+    for text in winner.realisation.left_out:
         reason = f"left out of the surroundings: {text}"
         yield entry("disclosure", event, reason, field="run.traffic", details=version)
-    if chosen.tied:
+    if winner.tied:
         yield entry(
             "choice",
             event,
-            f"at least {len(chosen.tied)} blocks of {task.place.name} score alike and fit",
+            f"at least {len(winner.tied)} blocks of {task.place.name} score alike and fit",
             when=utc_now(),
             who=request.who or "",
             field="block",
             new=task.block.id,
-            details={**version, "tied": list(chosen.tied)},
+            details={**version, "tied": list(winner.tied)},
         )
     if validated is not None:
         yield entry(
@@ -163,14 +163,14 @@ class CompiledEvent:
 
 def compile_task(
     request: Request,
-    said: Callable[[str], None] = lambda _text: None,
+    on_block: Callable[[str], None] = lambda _text: None,
     loading: Loading = untold,
 ) -> CompiledEvent:
     """Compile an event.
 
     Args:
         request: event, place, target and options.
-        said: called with each block that is tried.
+        on_block: called with each block that is tried.
         loading: called with how many roads of the map were read, and of how many.
 
     Raises:
@@ -201,13 +201,13 @@ def compile_task(
         preferred=validated.values if validated is not None else {},
     )
     library = area.library
-    chosen = choose_block(
+    winner = choose_block(
         library,
         score_blocks(event, library),
         partial(realise, order),
         choice=request.choose,
         who=request.who,
-        said=said,
+        said=on_block,
         would_do=lambda block: fitting_trigger(
             event, lambda other: realise(replace(order, event=other), block)
         ),
@@ -219,15 +219,15 @@ def compile_task(
         ),
     )
     how = {
-        "chosen_by": chosen.chosen_by,
-        "retrieval": chosen.scores,
+        "chosen_by": winner.chosen_by,
+        "retrieval": winner.scores,
         "validated_by": validated.validation if validated is not None else None,
     }
-    task = sealed(chosen.realisation.task.model_copy(update=how))
+    task = sealed(winner.realisation.task.model_copy(update=how))
     log = list(before)
     if not any(record.kind == "source" and record.subject == event.name for record in before):
         log.append(_source(event, task.event))
-    log += _decisions(request, task, chosen, validated)
+    log += _decisions(request, task, winner, validated)
     listed = None if request.shortlist is None else request.shortlist.read_bytes()
     if candidate is not None and listed is not None:
         details = {
@@ -243,7 +243,7 @@ def compile_task(
         event_file=event_path.read_bytes(),
         area=area,
         site_file=site_file,
-        chosen=chosen,
+        chosen=winner,
         log=tuple(log),
         shortlist=listed,
     )
@@ -273,10 +273,10 @@ def load_area(
         InputError: it is not valid.
     """
     if site is not None:
-        found, version = load_site(site)
-        link = PlaceLink(kind="site", name=found.name, sha256=version)
+        site_spec, version = load_site(site)
+        link = PlaceLink(kind="site", name=site_spec.name, sha256=version)
         path = find_shipped(site, "site")
-        return OperatingArea(link, site_library(found, path), found), path.read_bytes()
+        return OperatingArea(link, site_library(site_spec, path), site_spec), path.read_bytes()
     if map_path is None:
         raise WrongOptions("needs a place", remedy="give --site SITE or --map FILE")
     library = load_library(map_path, loading)
@@ -299,11 +299,11 @@ def check_options(request: Request) -> None:
             value=str(request.map_path),
             remedy="give --site SITE, or compile for sumo, openscenario or carla",
         )
-    for field, given, why in (
+    for field, option, why in (
         ("--validated-by", request.validated_by, "aren't validated by a simulation"),
         ("--shortlist", request.shortlist, "need no choice among events"),
     ):
-        if given is not None and request.target != "track":
+        if option is not None and request.target != "track":
             remedy = "leave it out, or give --target track"
             raise WrongOptions(f"is for the track: other targets {why}", field=field, remedy=remedy)
     if request.choose is not None and not (request.who or "").strip():

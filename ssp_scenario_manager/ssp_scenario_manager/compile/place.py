@@ -76,7 +76,7 @@ def place(block: Block, point: BlockPoint) -> Place:
 def anchors(block: Block, plan: Plan) -> dict[str, Anchors]:
     """Start, goal and conflict point of every participant, by its id in the run."""
     conflict = place(block, plan.conflict)
-    found = {
+    anchors_by_id = {
         VUT_ID: Anchors(
             start=place(block, plan.vut.start),
             goal=place(block, BlockPoint(plan.vut.end_s_m, plan.vut.start.l_m)),
@@ -85,10 +85,10 @@ def anchors(block: Block, plan: Plan) -> dict[str, Anchors]:
     }
     for name, motion in plan.targets.items():
         goal = _goal(name, motion, plan)
-        found[name] = Anchors(
+        anchors_by_id[name] = Anchors(
             start=place(block, motion.start), goal=place(block, goal), conflict=conflict
         )
-    return found
+    return anchors_by_id
 
 
 def _goal(name: str, motion: Drive | Wait, plan: Plan) -> BlockPoint:
@@ -115,12 +115,12 @@ def trigger_region(block: Block, plan: Plan) -> TriggerRegion:
 
 def tunings(event: Event, plan: Plan) -> list[Tuning]:
     """Return the values that were chosen within part C, with what it allows."""
-    found = []
+    entries = []
     for field, (value, unit, why) in sorted(plan.chosen.items()):
-        wanted = quantity_at(event, field)
-        span = wanted.si if isinstance(wanted, Interval) else Span()
+        quantity = quantity_at(event, field)
+        span = quantity.si if isinstance(quantity, Interval) else Span()
         at_most = plan.at_most.get(field, math.inf)
-        found.append(
+        entries.append(
             Tuning(
                 field=field,
                 value=value,
@@ -131,7 +131,7 @@ def tunings(event: Event, plan: Plan) -> list[Tuning]:
                 reason=why,
             )
         )
-    return found
+    return entries
 
 
 # Plans that are run before a block is given up.
@@ -214,11 +214,11 @@ def _realised(order: Order, block: Block, plan: Plan) -> Realisation:
         CannotPlace: it doesn't.
     """
     event, area = order.event, order.area
-    told = motions(
+    run_motions = motions(
         block.line, classes_of(event), event.vut_id, plan.vut, plan.targets, plan.trigger
     )
     traffic, left_out = _traffic(block, area, plan)
-    run = _run(order, block, plan, told).model_copy(update={"traffic": traffic})
+    run = _run(order, block, plan, run_motions).model_copy(update={"traffic": traffic})
     reachable, zones = area.regions("ot_reachable"), area.regions("safe_stop_zones")
     check_in_fence(run, block, plan)
     if area.site is not None and area.site.domain == "physical":
@@ -296,7 +296,7 @@ def road_of(
     )
 
 
-def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
+def _run(order: Order, block: Block, plan: Plan, run_motions: Motions) -> RunSpec:
     """Return the run of a session, without surroundings."""
     event, area, limits = order.event, order.area, order.limits
     physical = order.target == "track" and area.site is not None
@@ -317,11 +317,11 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
         seed=order.seed,
         mode="lockstep",
         road=road_of(block, _marked_crossing(block, plan), area.junction_roads(block)),
-        geofence=area.geofence(block, _ways_of_act(told) if block.passage else []),
-        vut=told.vut,
-        driver=told.driver,
-        targets=list(told.targets),
-        triggers=_triggers(event, block, plan, told, limits),
+        geofence=area.geofence(block, _ways_of_act(run_motions) if block.passage else []),
+        vut=run_motions.vut,
+        driver=run_motions.driver,
+        targets=list(run_motions.targets),
+        triggers=_triggers(event, block, plan, run_motions, limits),
         thresholds=thresholds_of(event),
         passing=wanted_passing(event),
         end=EndCondition(after_resolution_s=order.kind.after_resolution_s),
@@ -335,26 +335,28 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
 
 
 def _triggers(
-    event: Event, block: Block, plan: Plan, told: Motions, limits: Limits
+    event: Event, block: Block, plan: Plan, run_motions: Motions, limits: Limits
 ) -> list[TriggerSpec]:
     """Return the initiator's trigger and, where another object acts, that one's too."""
-    trigger, initiator = _trigger(event, block, plan, told, limits), plan.trigger.object_id
+    trigger, initiator = _trigger(event, block, plan, run_motions, limits), plan.trigger.object_id
     if trigger.object_id == initiator:
         return [trigger]
     begins = {"id": f"{initiator}_begins", "object_id": initiator, "manoeuvre": Hold(kind="hold")}
     return [trigger.model_copy(update=begins), trigger]
 
 
-def _ways_of_act(told: Motions) -> list[tuple[list[Point], Size]]:
+def _ways_of_act(run_motions: Motions) -> list[tuple[list[Point], Size]]:
     """Return the way that the initiator's act leads over; none of an act on its present path."""
-    act = told.trigger.manoeuvre
-    sizes = {target.id: target.size for target in told.targets}
+    act = run_motions.trigger.manoeuvre
+    sizes = {target.id: target.size for target in run_motions.targets}
     if not isinstance(act, FollowPath):
         return []
-    return [(list(act.motion.path), sizes[told.trigger.object_id])]
+    return [(list(act.motion.path), sizes[run_motions.trigger.object_id])]
 
 
-def _trigger(event: Event, block: Block, plan: Plan, told: Motions, limits: Limits) -> TriggerSpec:
+def _trigger(
+    event: Event, block: Block, plan: Plan, run_motions: Motions, limits: Limits
+) -> TriggerSpec:
     """Return the plan's trigger, with the time gap that is to be kept after it."""
     anchor = None
     if isinstance(plan.trigger.act, Cross):
@@ -362,13 +364,13 @@ def _trigger(event: Event, block: Block, plan: Plan, told: Motions, limits: Limi
         conflict = place(block, plan.conflict)
         anchor = (conflict.x_m, conflict.y_m)
     adaptation = adaptation_of(
-        told,
+        run_motions,
         plan.gap_s,
         initiator_first=initiator_first(event),
         anchor=anchor,
         most_mps2=limits.acceleration_mps2,
     )
-    return told.trigger.model_copy(update={"adaptation": adaptation})
+    return run_motions.trigger.model_copy(update={"adaptation": adaptation})
 
 
 def _marked_crossing(block: Block, plan: Plan) -> float | None:
@@ -387,11 +389,11 @@ def _traffic(block: Block, area: OperatingArea, plan: Plan) -> tuple[list[Traffi
         passed = [one for one in area.site.blocks if one.id in along]
         why = "and surroundings don't follow a route over a junction"
         return [], [f"{v.id}: it drives on {one.id}, {why}" for one in passed for v in one.traffic]
-    found, lanes, moved = area.site_block(block), [], []
-    if found is None:
+    site_block, lanes, moved = area.site_block(block), [], []
+    if site_block is None:
         return [], []
-    for vehicle in found.traffic:
-        y_m = found.lanes[vehicle.lane].y_m
+    for vehicle in site_block.traffic:
+        y_m = site_block.lanes[vehicle.lane].y_m
         index = min(range(len(block.lanes)), key=lambda i: abs(block.lanes[i].y_m - y_m))
         lanes.append(block.lanes[index])
         moved.append(vehicle.model_copy(update={"lane": index}))

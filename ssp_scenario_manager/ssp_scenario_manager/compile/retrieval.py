@@ -67,7 +67,7 @@ def identity(event: Event, block: Block) -> dict[str, str]:
     mine = vut_lanes(event, block)
     ahead, back = len(block.forward_lanes), len(block.backward_lanes)
     widths = [block.forward_lanes[i].width_m for i in mine]
-    found: dict[str, tuple[object, bool]] = {
+    checks: dict[str, tuple[object, bool]] = {
         "road_type": (block.road_type, road.road_type.admits(block.road_type)),
         "segment": (block.segment, road.segment.admits(block.segment)),
         "lanes_same_direction": (ahead, road.lanes_same_direction.admits(ahead)),
@@ -83,15 +83,15 @@ def identity(event: Event, block: Block) -> dict[str, str]:
         ),
     }
     return {
-        name: f"{name} {_said(found[name][0])}, needs {_said(getattr(road, name).value)}"
+        name: f"{name} {_text(checks[name][0])}, needs {_text(getattr(road, name).value)}"
         for name in road.identity_fields
-        if not found[name][1] and getattr(road, name).value != UNRESOLVED
+        if not checks[name][1] and getattr(road, name).value != UNRESOLVED
     }
 
 
-def _said(value: object) -> str:
+def _text(value: object) -> str:
     if isinstance(value, list):
-        return ", ".join(map(_said, value)) or "none"
+        return ", ".join(map(_text, value)) or "none"
     if isinstance(value, Interval):
         low, high = bounds(value)
         return f"{low:g} {value.unit}" if low == high else f"{_range(low, high)} {value.unit}"
@@ -108,10 +108,10 @@ def road_type(event: Event, block: Block) -> NeedFit:
     return UNKNOWN if block.road_type == "any" else NeedFit(0.0)
 
 
-def _may_be(field: WordField[Any], found: str, vocabulary: Any) -> bool:
+def _may_be(field: WordField[Any], word: str, vocabulary: Any) -> bool:
     """Tell whether a place's word is K*'s, or K* leaves open which of all it is."""
     words = set(field.words)
-    return not words or found in words or words == set(get_args(vocabulary))
+    return not words or word in words or words == set(get_args(vocabulary))
 
 
 def segment(event: Event, block: Block) -> NeedFit:
@@ -122,15 +122,15 @@ def segment(event: Event, block: Block) -> NeedFit:
     return NeedFit(0.0, f"segment {block.segment}, needs {' or '.join(words)}")
 
 
-def _count(name: str, found: int, wanted: Count, least: int) -> NeedFit:
-    low, exact = max(wanted.min, least), wanted.min == wanted.max
-    if found < low:
+def _count(name: str, number: int, limits: Count, least: int) -> NeedFit:
+    low, exact = max(limits.min, least), limits.min == limits.max
+    if number < low:
         return NeedFit(
-            found / low, f"{name} lanes {found}, needs {'' if exact else 'at least '}{low}"
+            number / low, f"{name} lanes {number}, needs {'' if exact else 'at least '}{low}"
         )
-    if found > wanted.max:
-        needs = f"needs {'' if exact else 'at most '}{wanted.max}"
-        return NeedFit(wanted.max / found, f"{name} lanes {found}, {needs}")
+    if number > limits.max:
+        needs = f"needs {'' if exact else 'at most '}{limits.max}"
+        return NeedFit(limits.max / number, f"{name} lanes {number}, {needs}")
     return MET
 
 
@@ -140,11 +140,11 @@ _ANY_COUNT = Count(min=0, max=16)
 def same_direction(event: Event, block: Block, kind: Kind) -> NeedFit:
     """Count lanes in the VUT's direction: as many as K* says and as the kind needs."""
     forward, backward = len(block.forward_lanes), len(block.backward_lanes)
-    wanted = event.topology.lanes_same_direction.range or _ANY_COUNT
-    met = _count("same-direction", forward, wanted, kind.same_direction_lanes)
-    if met.missing is not None and forward == 1 and backward <= 1 and met.share < 1.0:
-        return NeedFit(met.share, f"one driving lane per direction: {met.missing}")
-    return met
+    limits = event.topology.lanes_same_direction.range or _ANY_COUNT
+    fit = _count("same-direction", forward, limits, kind.same_direction_lanes)
+    if fit.missing is not None and forward == 1 and backward <= 1 and fit.share < 1.0:
+        return NeedFit(fit.share, f"one driving lane per direction: {fit.missing}")
+    return fit
 
 
 def opposite(event: Event, block: Block) -> NeedFit:
@@ -154,8 +154,8 @@ def opposite(event: Event, block: Block) -> NeedFit:
     mine = min((lane.y_m for lane in block.forward_lanes), default=-math.inf)
     if any(lane.y_m < mine for lane in block.backward_lanes):
         return NeedFit(0.0, "left-hand traffic: oncoming lanes lie to the right of the VUT's")
-    wanted = event.topology.lanes_opposite.range or _ANY_COUNT
-    return _count("oncoming", len(block.backward_lanes), wanted, 0)
+    limits = event.topology.lanes_opposite.range or _ANY_COUNT
+    return _count("oncoming", len(block.backward_lanes), limits, 0)
 
 
 def vut_lanes(event: Event, block: Block) -> list[int]:
@@ -171,12 +171,12 @@ def vut_lane(event: Event, block: Block) -> NeedFit:
     return NeedFit(0.0, f"same-direction lanes {lanes}, none of them is the {word}")
 
 
-def boundary(field: WordField[Any], found: str) -> NeedFit:
+def boundary(field: WordField[Any], word: str) -> NeedFit:
     """Compare the roadside: a sidewalk has a kerb; a kerb has half of a sidewalk."""
     words = set(field.words)
-    if _may_be(field, found, BoundaryWord) or ("kerb" in words and found == "sidewalk"):
+    if _may_be(field, word, BoundaryWord) or ("kerb" in words and word == "sidewalk"):
         return MET
-    return UNKNOWN if found == "any" or ("sidewalk" in words and found == "kerb") else NeedFit(0.0)
+    return UNKNOWN if word == "any" or ("sidewalk" in words and word == "kerb") else NeedFit(0.0)
 
 
 # -- part I ---------------------------------------------------------------------------------------
@@ -184,10 +184,10 @@ def boundary(field: WordField[Any], found: str) -> NeedFit:
 
 def relation(event: Event, block: Block) -> NeedFit:
     """Score a candidate conflict area of the relation."""
-    wanted = event.interaction.relation
-    if any(area.kind == wanted for area in block.conflict_areas):
+    kind = event.interaction.relation
+    if any(area.kind == kind for area in block.conflict_areas):
         return MET
-    return NeedFit(0.0, f"no conflict area for the relation {wanted}")
+    return NeedFit(0.0, f"no conflict area for the relation {kind}")
 
 
 def manoeuvres(event: Event, block: Block, kind: Kind) -> NeedFit:
@@ -223,8 +223,8 @@ def places(event: Event, block: Block) -> NeedFit:
 def _met_from(event: Event, block: Block, place: str) -> bool:
     """Tell whether another route crosses or joins a route, as K* says, from the side of a place."""
     conflicts = () if block.passage is None else block.passage.conflicts
-    wanted = event.interaction.relation
-    return any(c.kind == wanted and place == f"{c.comes_from}_road" for c in conflicts)
+    kind = event.interaction.relation
+    return any(c.kind == kind and place == f"{c.comes_from}_road" for c in conflicts)
 
 
 def turn(event: Event, block: Block) -> list[NeedFit]:
@@ -246,17 +246,17 @@ def turn(event: Event, block: Block) -> list[NeedFit]:
 
 def length(event: Event, block: Block) -> NeedFit:
     """Compare the room with that for approach, conflict and run-out."""
-    said = f"length {block.length_m:.1f}"
-    return _measured(said, block.length_m, bounds(event.constraints.site.length), "m")
+    label = f"length {block.length_m:.1f}"
+    return _measured(label, block.length_m, bounds(event.constraints.site.length), "m")
 
 
-def _measured(said: str, found: float, wanted: tuple[float, float], unit: str) -> NeedFit:
+def _measured(label: str, amount: float, limits: tuple[float, float], unit: str) -> NeedFit:
     """Score the share of the needed that is there, or of the present that is allowed."""
-    low, high = wanted
-    if found < low - 1e-6:
-        return NeedFit(max(0.0, found / low), f"{said} {unit}, needs at least {low:g} {unit}")
-    if found > high + 1e-6:
-        return NeedFit(max(0.0, high / found), f"{said} {unit}, needs at most {high:g} {unit}")
+    low, high = limits
+    if amount < low - 1e-6:
+        return NeedFit(max(0.0, amount / low), f"{label} {unit}, needs at least {low:g} {unit}")
+    if amount > high + 1e-6:
+        return NeedFit(max(0.0, high / amount), f"{label} {unit}, needs at most {high:g} {unit}")
     return MET
 
 
@@ -267,9 +267,9 @@ def speed_limit(event: Event, block: Block) -> NeedFit:
     """
     low = high = 0.0
     for name, who in event.participants.items():
-        found = event.constraints.speeds.get(name, {}).get("approach")
-        if who.class_ in _DRIVEN and found is not None:
-            least, most = bounds(found)
+        approach = event.constraints.speeds.get(name, {}).get("approach")
+        if who.class_ in _DRIVEN and approach is not None:
+            least, most = bounds(approach)
             least = max(0.0, least)
             if least > low or (least == low and most > high):
                 low, high = least, max(least, most if math.isfinite(most) else least)
@@ -315,16 +315,16 @@ def _range(low: float, high: float) -> str:
 
 def curvature(event: Event, block: Block) -> NeedFit:
     """Compare the curvature over any 10 m with K*."""
-    found, wanted = bend_1pm(block.line), bounds(event.topology.curvature.range)
-    return _measured(f"curvature {found:.4f}", found, wanted, "1/m")
+    curvature_1pm, limits = bend_1pm(block.line), bounds(event.topology.curvature.range)
+    return _measured(f"curvature {curvature_1pm:.4f}", curvature_1pm, limits, "1/m")
 
 
 def kerb_sides(event: Event) -> Collection[str]:
     """Return the sides of the road beyond which a participant waits or to which it walks."""
     if event.interaction.relation == "crossing" and not KINDS[event.interaction.type].at_junction:
         return ("right", "left")
-    found = {who.region.place for who in event.participants.values()}
-    return tuple(s for s in ("right", "left") if f"{s}_kerb" in found)
+    region_places = {who.region.place for who in event.participants.values()}
+    return tuple(s for s in ("right", "left") if f"{s}_kerb" in region_places)
 
 
 def clearance(event: Event, block: Block) -> NeedFit:
@@ -354,8 +354,8 @@ LAMBDA = 1 / 3
 TIE = 1e-9
 
 
-def _mean(met: Sequence[NeedFit]) -> float:
-    return min(1.0, sum(one.share for one in met) / len(met))
+def _mean(fits: Sequence[NeedFit]) -> float:
+    return min(1.0, sum(one.share for one in fits) / len(fits))
 
 
 def score_block(event: Event, block: Block, kind: Kind) -> BlockScore:
@@ -389,9 +389,15 @@ def score_block(event: Event, block: Block, kind: Kind) -> BlockScore:
     s_t, s_i, s_c = _mean([*topology.values()]), _mean(interaction), _mean(constraints)
     total = LAMBDA * s_t + LAMBDA * s_i + LAMBDA * s_c
     differs = identity(event, block)
-    met = {name: one.missing for name, one in topology.items() if one.missing is not None}
-    reasons = [f"{why} (identity)" if name in differs else why for name, why in met.items()]
-    reasons += [f"{why} (identity)" for name, why in differs.items() if name not in met]
+    topology_reasons = {
+        name: one.missing for name, one in topology.items() if one.missing is not None
+    }
+    reasons = [
+        f"{why} (identity)" if name in differs else why for name, why in topology_reasons.items()
+    ]
+    reasons += [
+        f"{why} (identity)" for name, why in differs.items() if name not in topology_reasons
+    ]
     reasons += [one.missing for one in (*interaction, *constraints) if one.missing is not None]
     return BlockScore(
         block=block.block_id,

@@ -198,14 +198,14 @@ def load_task(path: str | Path) -> Task:
 
 def check_seal(task: Task, file: str | Path) -> None:
     """Refuse, with an InputError, a task that was changed after it was compiled."""
-    found = content_hash(task)
-    if found != task.version:
+    digest = content_hash(task)
+    if digest != task.version:
         raise InputError(
             "was changed after it was compiled",
             file=file,
             field="version",
             value=task.version,
-            remedy=f"its content has {found}; compile it again, and enter changes on site in "
+            remedy=f"its content has {digest}; compile it again, and enter changes on site in "
             f"{RUN_FILE} with `ssp package log-change`",
         )
     if task.run.task_version != task.version:

@@ -76,13 +76,15 @@ def read_validation(folder: Path, event_version: str) -> SimulationOutcome:
 
 def _check_told(file: Path) -> None:
     """Refuse a folder in which the runner's verdict isn't that of a valid run without reasons."""
-    told = read_mapping(file)
-    if told.get("verdict") != _VALID or told.get("reasons") != []:
+    run_result = read_mapping(file)
+    if run_result.get("verdict") != _VALID or run_result.get("reasons") != []:
         raise InputError(
             "is of a run that doesn't validate anything",
             file=file,
-            field="verdict" if told.get("verdict") != _VALID else "reasons",
-            value=told.get("verdict") if told.get("verdict") != _VALID else told.get("reasons"),
+            field="verdict" if run_result.get("verdict") != _VALID else "reasons",
+            value=run_result.get("verdict")
+            if run_result.get("verdict") != _VALID
+            else run_result.get("reasons"),
             remedy=_REMEDY,
         )
 
@@ -122,10 +124,10 @@ def _check(task: Task, run: RunSpec, event_version: str, bag: Path) -> None:
         ("target", task.target, "sumo", "is not of a simulation"),
         ("event_version", run.event_version, event_version, "is of another K* version"),
     )
-    for field, value, wanted, problem in checks:
-        if value != wanted:
+    for field, value, required_value, problem in checks:
+        if value != required_value:
             raise InputError(
-                problem, file=bag, field=field, value=value, remedy=f"{wanted} is needed"
+                problem, file=bag, field=field, value=value, remedy=f"{required_value} is needed"
             )
     changed = differences(task.run, run)
     if changed:

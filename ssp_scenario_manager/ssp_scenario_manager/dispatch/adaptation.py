@@ -170,8 +170,8 @@ class PaceLimits:
             rate: the wanted pace.
         """
 
-        def fits(wanted: float) -> bool:
-            return self._fits(toward(pace, start_ns, wanted, self._decisive_s))
+        def fits(candidate_rate: float) -> bool:
+            return self._fits(toward(pace, start_ns, candidate_rate, self._decisive_s))
 
         if fits(rate):
             return rate
@@ -377,9 +377,9 @@ class Adaptations:
     ) -> list[tuple[AdaptedManoeuvre, Decision]]:
         """Judge every manoeuvre on a state of the VUT, in the order in which they fired."""
         # What is on its way out this instant waits: nothing may hold it up.
-        known = [one for one in self._dispatched if one[2].dispatched_ns != now_ns]
+        dispatches = [one for one in self._dispatched if one[2].dispatched_ns != now_ns]
         self._dispatched = [one for one in self._dispatched if one[2].dispatched_ns == now_ns]
-        for object_id, wish, manoeuvre, before in known:
+        for object_id, wish, manoeuvre, before in dispatches:
             target = next(t for t in spec.targets if t.id == object_id)
             sent_ns = manoeuvre.dispatched_ns
             planned = planned_motion_of(before, manoeuvre, sent_ns, target, spec.vut, path)

@@ -251,12 +251,12 @@ def arrival_ns(track: VutTrack, station_m: float) -> float:
     left, v, a = station_m - track.front_m, track.speed_mps, track.acceleration_mps2
     if left <= 0.0:
         return track.stamp_ns + NS_PER_S * left / max(v, _LEAST_ARRIVAL_MPS)
-    held = v * HOLD_S + 0.5 * a * HOLD_S * HOLD_S
+    hold_m = v * HOLD_S + 0.5 * a * HOLD_S * HOLD_S
     later = v + a * HOLD_S
     if min(v, later) < _LEAST_ARRIVAL_MPS:
         return math.inf
-    if left >= held:
-        seconds = HOLD_S + (left - held) / later
+    if left >= hold_m:
+        seconds = HOLD_S + (left - hold_m) / later
     elif abs(a) < 1e-6:
         seconds = left / v
     else:
@@ -409,10 +409,10 @@ def as_planned(execute_at_ns: int) -> Pace:
     return Pace(execute_at_ns, _Leg(0.0, 1.0, 0.0, 1.0))
 
 
-def toward(before: Pace, start_ns: int, wanted: float, until_s: float) -> Pace:
+def toward(before: Pace, start_ns: int, target_rate: float, until_s: float) -> Pace:
     """Go on from a pace to a wanted one, until an own time, and then back to 1."""
     own, rate, change = before.at(start_ns)
-    leg = _Leg(own, rate, change, wanted)
+    leg = _Leg(own, rate, change, target_rate)
     if until_s <= own:
         return Pace(start_ns, _Leg(own, rate, change, 1.0, HOME_1PS))
     switch_s = leg.when(until_s)

@@ -77,10 +77,10 @@ _PACKAGES = (
 
 
 def python_version() -> Finding:
-    found = f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores"
+    platform_text = f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores"
     if (3, 11) <= sys.version_info[:2] <= (3, 14):
-        return ok("python", found)
-    return fail("python", found, "the ROS 2 wheels exist for 3.11 to 3.14; set SSP_PYTHON")
+        return ok("python", platform_text)
+    return fail("python", platform_text, "the ROS 2 wheels exist for 3.11 to 3.14; set SSP_PYTHON")
 
 
 def package(module: str, distribution: str, use: str) -> Finding:
@@ -143,13 +143,13 @@ def libsumo() -> Finding:
 def netconvert() -> Finding:
     program = shutil.which("netconvert") or str(Path(sys.executable).parent / "netconvert")
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             [program, "--version"], capture_output=True, text=True, timeout=20, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         return fail("netconvert", str(error), "run ./ssp")
-    version = done.stdout.splitlines()[0] if done.stdout else done.stderr.strip()
-    if done.returncode != 0:
+    version = process.stdout.splitlines()[0] if process.stdout else process.stderr.strip()
+    if process.returncode != 0:
         return fail("netconvert", version, "run ./ssp")
     return ok("netconvert", version)
 
@@ -243,10 +243,10 @@ def _root_of(name: str, place: Path) -> Path:
 
 
 def _places() -> dict[str, Path]:
-    found = {name: importlib.util.find_spec(name) for name in _OURS}
+    specs = {name: importlib.util.find_spec(name) for name in _OURS}
     return {
         name: Path(spec.origin).resolve().parent
-        for name, spec in found.items()
+        for name, spec in specs.items()
         if spec is not None and spec.origin is not None
     }
 
@@ -277,17 +277,17 @@ def leap_seconds_table(utc_ns: int, listed: Path = _LISTED) -> Finding:
 
 def _listed_seconds(listed: Path, utc_ns: int) -> int | None:
     """Return GPS time minus UTC by the host's list, None if missing, strange or too old."""
-    now_s, found = utc_ns // NS_PER_S + _NTP_S, None
+    now_s, offset_s = utc_ns // NS_PER_S + _NTP_S, None
     try:
         lines = [line.split() for line in listed.read_text().splitlines() if line.strip()]
         if now_s >= max(int(words[1]) for words in lines if words[0] == "#@"):
             return None
         for words in lines:
             if not words[0].startswith("#") and int(words[0]) <= now_s:
-                found = int(words[1]) - _TAI_AHEAD_OF_GPS_S
+                offset_s = int(words[1]) - _TAI_AHEAD_OF_GPS_S
     except (OSError, ValueError, IndexError):
         return None
-    return found
+    return offset_s
 
 
 @dataclass(frozen=True, slots=True)

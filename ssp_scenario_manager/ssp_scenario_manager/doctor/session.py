@@ -145,34 +145,44 @@ class SessionHeard:
     strangers: Mapping[str, tuple[int, str]] = field(default_factory=dict)
 
 
-def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
+def session_findings(spec: RunSpec, observations: SessionHeard) -> list[Finding]:
     """Return one finding per thing that is connected, and what keeps the session from arming."""
     ids = spec.object_ids
-    known = {names.CAMERA_IMAGE, names.CAMERA_INFO, *ids}
+    session_topics = {names.CAMERA_IMAGE, names.CAMERA_INFO, *ids}
     rate_hz, oldest_s = 1.0 / spec.step_s, spec.limits.state_age_s
     findings = []
     # What else was listened to is the GNSS/INS that the VUT's states are made of.
-    for topic in sorted(heard.streams.keys() - known):
+    for topic in sorted(observations.streams.keys() - session_topics):
         missing = f"nothing arrives on {names.absolute(topic)}"
         remedy = "is the driver of the GNSS/INS running, in this ROS domain?"
-        stream = heard.streams[topic]
+        stream = observations.streams[topic]
         silent = fail("odometry" if stream.frame_id else "navsat", missing, remedy)
         findings.append(_stream(silent, stream, rate_hz, oldest_s))
     for object_id in ids:
         missing = f"nothing arrives on {names.absolute(names.state_topic(object_id))}"
         remedy = "is its node running, in this ROS domain, with the same discovery server?"
         silent = fail(f"state of {object_id}", missing, remedy)
-        stream, lost = heard.streams[object_id], heard.lost.get(object_id, 0)
+        stream, lost = observations.streams[object_id], observations.lost.get(object_id, 0)
         findings.append(_stream(silent, stream, rate_hz, oldest_s, lost))
     by_course = spec.limits.heading_by_course
-    findings += [_motion(i, heard.motion[i], i in by_course) for i in ids if i in heard.motion]
-    findings += [_frames(spec, i, stream) for i, stream in sorted(heard.frames.items())]
+    findings += [
+        _motion(i, observations.motion[i], i in by_course) for i in ids if i in observations.motion
+    ]
+    findings += [_frames(spec, i, stream) for i, stream in sorted(observations.frames.items())]
     if spec.camera is not None:
-        findings.append(_camera(spec.camera.rate_hz, heard))
-    findings += [_recorder_finding(heard), _manager_finding(heard), _publishers_finding(heard)]
-    findings += [_rules_finding(t.id, heard) for t in spec.targets]
-    findings += [_link_finding(spec, t.id, heard) for t in spec.targets] if heard.managers else []
-    findings.append(_arming_finding(spec, heard))
+        findings.append(_camera(spec.camera.rate_hz, observations))
+    findings += [
+        _recorder_finding(observations),
+        _manager_finding(observations),
+        _publishers_finding(observations),
+    ]
+    findings += [_rules_finding(t.id, observations) for t in spec.targets]
+    findings += (
+        [_link_finding(spec, t.id, observations) for t in spec.targets]
+        if observations.managers
+        else []
+    )
+    findings.append(_arming_finding(spec, observations))
     return findings
 
 
@@ -225,8 +235,8 @@ def _frames(spec: RunSpec, object_id: str, stream: Stream) -> Finding:
     return ok(name, text)
 
 
-def _camera(rate_hz: float, heard: SessionHeard) -> Finding:
-    image, info = heard.streams[names.CAMERA_IMAGE], heard.streams[names.CAMERA_INFO]
+def _camera(rate_hz: float, observations: SessionHeard) -> Finding:
+    image, info = observations.streams[names.CAMERA_IMAGE], observations.streams[names.CAMERA_INFO]
     if image.arrivals_ns and not info.arrivals_ns:
         text = f"frames, but no calibration on {names.absolute(names.CAMERA_INFO)}"
         return fail("camera", text, "remap the driver's camera_info to it")
@@ -264,8 +274,8 @@ def _stream_problems(
         text = f"{stream.repeated} of {len(stream.stamps_ns)} repeat the previous stamp"
         problems.append((Status.FAIL if often else Status.OK, text))
     if stream.strange_frames:
-        found = ", ".join(repr(frame) for frame in sorted(stream.strange_frames))
-        problems.append((Status.FAIL, f"frame {found}, must be {stream.frame_id!r}"))
+        frame_ids = ", ".join(repr(frame) for frame in sorted(stream.strange_frames))
+        problems.append((Status.FAIL, f"frame {frame_ids}, must be {stream.frame_id!r}"))
     return problems
 
 
@@ -279,40 +289,42 @@ def _remedy(stream: Stream) -> str:
     return "look at the link's load and the driver's rate"
 
 
-def _recorder_finding(heard: SessionHeard) -> Finding:
-    if heard.recorder_ready is None:
+def _recorder_finding(observations: SessionHeard) -> Finding:
+    if observations.recorder_ready is None:
         return fail("recorder", "silent", "start ssp_monitor's node")
-    if not heard.recorder_ready:
-        waits = ", ".join(heard.recorder_missing) or "its file"
+    if not observations.recorder_ready:
+        waits = ", ".join(observations.recorder_missing) or "its file"
         return fail("recorder", f"waits for {waits}", "start what publishes them")
-    if heard.recorder_lost:
-        lost = f"has lost {heard.recorder_lost} messages"
+    if observations.recorder_lost:
+        lost = f"has lost {observations.recorder_lost} messages"
         return fail("recorder", lost, "look at its host's load and disk; begin a new session")
     return ok("recorder", "ready")
 
 
-def _manager_finding(heard: SessionHeard) -> Finding:
-    name, found = "scenario_manager", ", ".join(sorted(heard.managers))
-    if not heard.managers:
+def _manager_finding(observations: SessionHeard) -> Finding:
+    name, managers = "scenario_manager", ", ".join(sorted(observations.managers))
+    if not observations.managers:
         silent = "no heartbeat, so that links and clocks can't be measured"
         return fail(name, silent, "start it; it may stay IDLE")
-    if len(heard.managers) > 1:
-        many = f"{len(heard.managers)} send heartbeats: {found}"
+    if len(observations.managers) > 1:
+        many = f"{len(observations.managers)} send heartbeats: {managers}"
         return fail(name, many, "end all but one, or separate them by ROS_DOMAIN_ID")
-    return ok(name, f"heartbeats of {found}")
+    return ok(name, f"heartbeats of {managers}")
 
 
-def _publishers_finding(heard: SessionHeard) -> Finding:
+def _publishers_finding(observations: SessionHeard) -> Finding:
     """Tell whether each topic has the publishers that it should have."""
-    if heard.strangers:
+    if observations.strangers:
         remedy = "end what doesn't belong to this session, or separate it by ROS_DOMAIN_ID"
-        return fail("publishers", "; ".join(text for _, text in heard.strangers.values()), remedy)
+        return fail(
+            "publishers", "; ".join(text for _, text in observations.strangers.values()), remedy
+        )
     return ok("publishers", "no stranger publishes a topic of this session")
 
 
-def _rules_finding(object_id: str, heard: SessionHeard) -> Finding:
+def _rules_finding(object_id: str, observations: SessionHeard) -> Finding:
     """Tell whether an object judges by the limits of this run's file."""
-    name, rules = f"rules of {object_id}", heard.rules.get(object_id, untold(object_id))
+    name, rules = f"rules of {object_id}", observations.rules.get(object_id, untold(object_id))
     if not rules.digest:
         return fail(name, rules.problem, "start its object_target, of this version, on its host")
     if rules.problem:
@@ -321,9 +333,9 @@ def _rules_finding(object_id: str, heard: SessionHeard) -> Finding:
     return ok(name, "; ".join(("as in this run", *(f"its own {one}" for one in rules.stricter))))
 
 
-def _link_finding(spec: RunSpec, object_id: str, heard: SessionHeard) -> Finding:
+def _link_finding(spec: RunSpec, object_id: str, observations: SessionHeard) -> Finding:
     name, limits = f"link to {object_id}", spec.limits
-    link = heard.links.get(object_id, LinkEstimate())
+    link = observations.links.get(object_id, LinkEstimate())
     if not math.isfinite(link.delay_s):
         remedy = "is its object_target active? The manager measures links of a loaded run only"
         return fail(name, "heartbeats aren't answered", remedy)
@@ -336,35 +348,40 @@ def _link_finding(spec: RunSpec, object_id: str, heard: SessionHeard) -> Finding
     return ok(name, text)
 
 
-def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
+def _arming_finding(spec: RunSpec, observations: SessionHeard) -> Finding:
     """Report the manager's answer to ``arm`` now, by the same rules; an armed one is not asked."""
-    if heard.session in _ARMED:
-        text = f"the session is {heard.session.name} already, so that nothing is asked of arming"
+    if observations.session in _ARMED:
+        text = (
+            f"the session is {observations.session.name} already, so that nothing is asked of "
+            "arming"
+        )
         return ok("arming", text)
-    streams = heard.streams
-    ages_s = {i: _age_s(streams[i], heard.now_ns) for i in spec.object_ids}
+    streams = observations.streams
+    ages_s = {i: _age_s(streams[i], observations.now_ns) for i in spec.object_ids}
     # Of a simulated world the states of the VUT are the sign.
     ages_s[names.SIL_WORLD] = ages_s[spec.vut.id]
-    ages_s[names.MONITOR] = math.inf if heard.recorder_ready is None else 0.0
-    ages_s[names.FRONT_CAMERA] = _age_s(streams.get(names.CAMERA_IMAGE), heard.now_ns)
+    ages_s[names.MONITOR] = math.inf if observations.recorder_ready is None else 0.0
+    ages_s[names.FRONT_CAMERA] = _age_s(streams.get(names.CAMERA_IMAGE), observations.now_ns)
     facts = Facts(
         ages_s=ages_s,
-        recorder_ready=bool(heard.recorder_ready),
-        recorder_missing=heard.recorder_missing,
-        recorder_lost=heard.recorder_lost,
-        vut_refused=heard.vut_refused,
-        bodies=heard.bodies,
-        motion=heard.motion,
-        links={i: replace(link, age_s=0.0) for i, link in heard.links.items()},
-        rules=heard.rules,
+        recorder_ready=bool(observations.recorder_ready),
+        recorder_missing=observations.recorder_missing,
+        recorder_lost=observations.recorder_lost,
+        vut_refused=observations.vut_refused,
+        bodies=observations.bodies,
+        motion=observations.motion,
+        links={i: replace(link, age_s=0.0) for i, link in observations.links.items()},
+        rules=observations.rules,
         other_managers=max(
-            sum(count for count, _ in heard.strangers.values()), len(heard.managers) - 1, 0
+            sum(count for count, _ in observations.strangers.values()),
+            len(observations.managers) - 1,
+            0,
         ),
-        foreign="; ".join(text for _, text in heard.strangers.values()),
+        foreign="; ".join(text for _, text in observations.strangers.values()),
     )
-    targets = {i: state for i, state in heard.states.items() if i != spec.vut.id}
-    vut = heard.states.get(spec.vut.id)
-    missing = obstacles(Gate.ARM, spec, facts, vut, targets, heard.now_ns)
+    targets = {i: state for i, state in observations.states.items() if i != spec.vut.id}
+    vut = observations.states.get(spec.vut.id)
+    missing = obstacles(Gate.ARM, spec, facts, vut, targets, observations.now_ns)
     if missing:
         text = "; ".join(obstacle.text for obstacle in missing)
         return fail("arming", text, "see the findings above")

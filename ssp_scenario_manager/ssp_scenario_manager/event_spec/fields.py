@@ -103,12 +103,12 @@ def split(path: str) -> tuple[Part, ...]:
     parts: list[Part] = []
     at = 0
     while at < len(path):
-        found = _PART.match(path, at)
-        if found is None:
+        match = _PART.match(path, at)
+        if match is None:
             return ()
-        name, index = found.groups()
+        name, index = match.groups()
         parts.append(name if name is not None else int(index))
-        at = found.end()
+        at = match.end()
     return tuple(parts)
 
 
@@ -192,9 +192,9 @@ def within(path: str, ancestor: str) -> bool:
 @lru_cache(maxsize=1 << 14)
 def matches(path: str, pattern: str) -> bool:
     """Tell whether a path is of a pattern's shape; ``*`` stands for one name each."""
-    names, wanted = path.split("."), pattern.split(".")
-    pairs = zip(names, wanted, strict=False)
-    return len(names) == len(wanted) and all(want in ("*", name) for name, want in pairs)
+    names, pattern_names = path.split("."), pattern.split(".")
+    pairs = zip(names, pattern_names, strict=False)
+    return len(names) == len(pattern_names) and all(want in ("*", name) for name, want in pairs)
 
 
 def show(value: Any) -> str:

@@ -31,7 +31,8 @@ def interaction_graph(event: Event) -> dict[str, Any]:
         "schema": SCHEMA,
         "event": {"name": event.name, "version": event_version(event)},
         "nodes": [
-            {"id": name, "type": kind, "fields": _said(value, paths)} for name, kind, paths in nodes
+            {"id": name, "type": kind, "fields": _fields_at(value, paths)}
+            for name, kind, paths in nodes
         ],
         "edges": [
             {
@@ -39,7 +40,7 @@ def interaction_graph(event: Event) -> dict[str, Any]:
                 "relation": edge.relation,
                 "from": edge.source,
                 "to": edge.target,
-                "fields": _said(value, edge.fields),
+                "fields": _fields_at(value, edge.fields),
             }
             for edge in edges
         ],
@@ -59,7 +60,7 @@ class _Edge:
     fields: tuple[str, ...]
 
 
-def _said(value: dict[str, Any], paths: Iterable[str]) -> dict[str, Any]:
+def _fields_at(value: dict[str, Any], paths: Iterable[str]) -> dict[str, Any]:
     """Return the fields of the K* by path, a list or a mapping as it stands."""
     return {path: get(value, path) for path in paths}
 
@@ -71,20 +72,20 @@ def _below(value: dict[str, Any], path: str) -> list[str]:
 
 def _places(event: Event) -> list[str]:
     """Return the places that the participants start in, the VUT's lane first."""
-    found = (who.region.place for who in event.participants.values())
-    return list(dict.fromkeys(("vut_lane", *found)))
+    start_places = (who.region.place for who in event.participants.values())
+    return list(dict.fromkeys(("vut_lane", *start_places)))
 
 
 def _nodes(event: Event, value: dict[str, Any]) -> Iterator[tuple[str, NodeType, list[str]]]:
     """Yield id and type of each node, and the paths of what the K* says of it."""
     yield "road", "road", _below(value, "topology")
     for place in _places(event):
-        named = [
+        paths = [
             f"participants.{who}.region.place"
             for who, participant in event.participants.items()
             if participant.region.place == place
         ]
-        yield place, "kerb" if place.endswith("kerb") else "lane", named
+        yield place, "kerb" if place.endswith("kerb") else "lane", paths
     for who, participant in event.participants.items():
         yield who, participant.role, _below(value, f"participants.{who}")
     yield "conflict_zone", "conflict_zone", ["interaction.zone", "interaction.relation"]
@@ -171,30 +172,30 @@ def _is_road(value: Any) -> bool:
 
 def _determined(value: dict[str, Any]) -> dict[str, Any]:
     """Return P: exact quantities with their units, and all known words, numbers and lists."""
-    found: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     for path in granules(value):
         item = get(value, path)
         if _is_road(item):
             item = item["value"]
         if _is_interval(item):
             if item["min"] is not None and item["min"] == item["max"]:
-                found[path] = {"value": item["min"], "unit": item["unit"]}
+                fields[path] = {"value": item["min"], "unit": item["unit"]}
         elif item is not None and UNRESOLVED not in [leaf for _, leaf in leaves(item)]:
-            found[path] = {"value": item}
-    return found
+            fields[path] = {"value": item}
+    return fields
 
 
 def _uncertain(event: Event, value: dict[str, Any]) -> dict[str, Any]:
     """Return U: intervals and unresolved marks as they stand, and how each field is known."""
-    found: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     for path in granules(value):
         item, entry = get(value, path), owner(path, event.uncertainty)
-        known = event.uncertainty[entry].model_dump(mode="json") if entry else None
+        doubt = event.uncertainty[entry].model_dump(mode="json") if entry else None
         open_ = UNRESOLVED in [leaf for _, leaf in leaves(item)]
         interval = _is_interval(item) and item["min"] != item["max"]
         interval |= _is_road(item) and item["varies"] is not None
-        found[path] = ({"value": item} if open_ or interval else {}) | {"known": known}
-    return found
+        fields[path] = ({"value": item} if open_ or interval else {}) | {"known": doubt}
+    return fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,14 +222,14 @@ def differences(first: Event, second: Event) -> list[Difference]:
     """Return every field that differs, in the order of the files; [] for the same version."""
     old, new = canonical(first), canonical(second)
     # Entries of part U have dots in their keys, so that they are compared apart.
-    known = old.pop("uncertainty"), new.pop("uncertainty")
-    found: list[Difference] = []
+    doubts = old.pop("uncertainty"), new.pop("uncertainty")
+    changes: list[Difference] = []
     for path in dict.fromkeys((*granules(old), *granules(new))):
         sides = (get(side, path) if has(side, path) else _NOTHING for side in (old, new))
-        found += _split(path, *sides)
-    for name in dict.fromkeys((*known[0], *known[1])):
-        found += _split(f"uncertainty.{name}", *(side.get(name, _NOTHING) for side in known))
-    return found
+        changes += _split(path, *sides)
+    for name in dict.fromkeys((*doubts[0], *doubts[1])):
+        changes += _split(f"uncertainty.{name}", *(side.get(name, _NOTHING) for side in doubts))
+    return changes
 
 
 _NOTHING = object()

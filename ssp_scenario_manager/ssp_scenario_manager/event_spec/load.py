@@ -319,12 +319,12 @@ def seal_event(event: Event, paths: Iterable[str] | None = None) -> Event:
 
 def _below(entries: Mapping[str, Doubt]) -> dict[str, list[str]]:
     """Return the entries below an entry, with none between, by their holder."""
-    found: dict[str, list[str]] = {}
+    entries_by_holder: dict[str, list[str]] = {}
     for path in entries:
         holder = owner(join(split(path)[:-1]), entries)
         if holder is not None:
-            found.setdefault(holder, []).append(path)
-    return found
+            entries_by_holder.setdefault(holder, []).append(path)
+    return entries_by_holder
 
 
 def _seal(
@@ -341,8 +341,8 @@ def _without(value: Any, path: str, others: frozenset[str]) -> Any:
     if not others:
         return value
     if isinstance(value, dict):
-        named = ((key, f"{path}.{key}", item) for key, item in value.items())
-        return {key: _without(item, at, others) for key, at, item in named if at not in others}
+        members = ((key, f"{path}.{key}", item) for key, item in value.items())
+        return {key: _without(item, at, others) for key, at, item in members if at not in others}
     if isinstance(value, list):
         numbered = ((f"{path}[{i}]", item) for i, item in enumerate(value))
         return [None if at in others else _without(item, at, others) for at, item in numbered]

@@ -99,9 +99,9 @@ class WordField(RoadField, Generic[Word]):
         own = () if self.value == UNRESOLVED else (str(self.value),)
         return own if self.varies is None else tuple(dict.fromkeys((*own, *self.varies)))
 
-    def admits(self, found: str) -> bool:
+    def admits(self, word: str) -> bool:
         """Tell whether a place with this word agrees with K*."""
-        return found == self.value if self.varies is None else found in self.varies
+        return word == self.value if self.varies is None else word in self.varies
 
 
 class CountField(RoadField):
@@ -117,10 +117,10 @@ class CountField(RoadField):
             return self.varies
         return None if self.value == UNRESOLVED else Count(min=self.value, max=self.value)
 
-    def admits(self, found: int) -> bool:
+    def admits(self, count: int) -> bool:
         """Tell whether a place with so many agrees with K*."""
         allowed = self.range
-        return allowed is not None and allowed.min <= found <= allowed.max
+        return allowed is not None and allowed.min <= count <= allowed.max
 
 
 class QuantityField(RoadField):
@@ -136,9 +136,9 @@ class QuantityField(RoadField):
             return self.varies
         return self.value if isinstance(self.value, Interval) else None
 
-    def admits(self, found: float) -> bool:
+    def admits(self, quantity: float) -> bool:
         """Tell whether a place with this value, m or 1/m, agrees with K*."""
-        return self.range is not None and self.range.si.holds(found)
+        return self.range is not None and self.range.si.holds(quantity)
 
 
 class ManoeuvresField(RoadField):
@@ -160,9 +160,11 @@ class ManoeuvresField(RoadField):
         """Return the manoeuvres that every place must permit."""
         return self.permitted - frozenset(self.varies or ())
 
-    def admits(self, found: frozenset[str]) -> bool:
+    def admits(self, manoeuvres: frozenset[str]) -> bool:
         """Tell whether a place that permits this agrees with K*."""
-        return self.value != UNRESOLVED and self.permitted ^ found <= frozenset(self.varies or ())
+        return self.value != UNRESOLVED and self.permitted ^ manoeuvres <= frozenset(
+            self.varies or ()
+        )
 
 
 class Topology(Strict):

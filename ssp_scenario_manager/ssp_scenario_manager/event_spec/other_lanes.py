@@ -20,10 +20,10 @@ def topology_with_lanes(road: Topology, same: int, opposite: int) -> dict[str, A
     value: dict[str, Any] = road.model_dump(mode="json", by_alias=True)
     for name, count in (("lanes_same_direction", same), ("lanes_opposite", opposite)):
         field = getattr(road, name)
-        drawn = CountField(value=count, identity=True)
+        lane_count = CountField(value=count, identity=True)
         if not field.identity and field.admits(count):
-            drawn = field.model_copy(update={"value": count})
-        value[name] = drawn.model_dump(mode="json")
+            lane_count = field.model_copy(update={"value": count})
+        value[name] = lane_count.model_dump(mode="json")
     permitted = value["permitted_manoeuvres"]
     if same < 2 and isinstance(permitted["value"], list):
         permitted["value"] = [word for word in permitted["value"] if word not in _LANE_CHANGES]

@@ -106,7 +106,7 @@ def _strips(event: Event) -> list[_Strip]:
     t = event.topology
     starts = {who.region.place for who in event.participants.values()}
     several, vut_lane = _lanes(t.lanes_same_direction) > 1, t.vut_lane.value
-    wanted = {
+    presence = {
         "left_kerb": True,
         "oncoming_lane": _lanes(t.lanes_opposite) > 0,
         "left_lane": "left_lane" in starts or (several and vut_lane in ("rightmost", "middle")),
@@ -115,7 +115,7 @@ def _strips(event: Event) -> list[_Strip]:
         "right_kerb": True,
     }
     strips: list[_Strip] = []
-    for place in (place for place, there in wanted.items() if there):
+    for place in (place for place, there in presence.items() if there):
         top = strips[-1].top + strips[-1].height if strips else _ROAD_TOP
         strips.append(_Strip(place, _name(event, place), top))
     return strips
@@ -214,15 +214,17 @@ def _row(event: Event, who: str) -> dict[str, Any]:
 def _cell(event: Event, who: str, column: int, cell: MotionCell) -> dict[str, Any]:
     """Return motion, position and side, gap and speed of one participant in one phase."""
     speed = event.constraints.speeds.get(who, {}).get(PHASES[column], UNRESOLVED)
-    seen = [cell.position.replace("_", " ")] if cell.position else []
+    position_words = [cell.position.replace("_", " ")] if cell.position else []
     if cell.speed_trend != "standing":
         sign = _SIGNS[cell.lateral]
-        seen.append(sign.replace("its", "the VUT's") if cell.heading == "opposite" else sign)
+        position_words.append(
+            sign.replace("its", "the VUT's") if cell.heading == "opposite" else sign
+        )
     gap = f"gap {cell.longitudinal} · " if cell.longitudinal != "none" else ""
     return {
         "column": column,
         "motion": (cell.motion or "drives").replace("_", " "),
-        "seen": " · ".join(seen),
+        "seen": " · ".join(position_words),
         "trend": f"{gap}speed {cell.speed_trend}",
         "speed": UNRESOLVED if isinstance(speed, str) else _plain(speed.model_dump()),
         "is_open": UNRESOLVED in (cell.motion, cell.position, speed),
@@ -236,14 +238,14 @@ def _plain(value: Any) -> str:
 
 def _values(part: dict[str, Any]) -> list[tuple[str, str]]:
     """Return quantities and words of a part that no lane shows."""
-    found = []
+    rows = []
     for name in granules(part):
         item = get(part, name)
         if isinstance(item, dict) and set(item) == ROAD_FIELD:
             item = _of_road(item)
         if not isinstance(item, list):
-            found.append((name, _plain(item)))
-    return found
+            rows.append((name, _plain(item)))
+    return rows
 
 
 def _of_road(field: dict[str, Any]) -> Any:

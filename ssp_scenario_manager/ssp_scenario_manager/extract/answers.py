@@ -118,8 +118,8 @@ def _plain(value: Any, shared: Mapping[str, Any]) -> Any:
         if "$ref" in value:
             return _plain(shared[value["$ref"].rpartition("/")[2]], shared)
         # A field may be called title; the schema's own titles are words, not schemas.
-        kept = {k: v for k, v in value.items() if k != "title" or isinstance(v, dict)}
-        return {key: _plain(item, shared) for key, item in kept.items()}
+        members = {k: v for k, v in value.items() if k != "title" or isinstance(v, dict)}
+        return {key: _plain(item, shared) for key, item in members.items()}
     if isinstance(value, list):
         return [_plain(item, shared) for item in value]
     return value
@@ -145,7 +145,7 @@ def read_answer(question: Question, scope: Scope, text: str) -> BaseModel:
     except ValidationError as error:
         problems = [
             f"{field_path(e['loc'], value, missing=e['type'] == 'missing') or 'the answer'}: "
-            f"{e['msg']}{_got(e)}"
+            f"{e['msg']}{_input_note(e)}"
             for e in error.errors()
         ]
         left = len(problems) - _MAX_PROBLEMS
@@ -177,8 +177,8 @@ def _finding(item: dict[str, Any]) -> Finding:
 
 
 def _model(name: str, fields: Mapping[str, tuple[Any, Any]]) -> type[BaseModel]:
-    made: type[BaseModel] = create_model(name, __config__=_STRICT, **fields)  # type: ignore[call-overload]
-    return made
+    model: type[BaseModel] = create_model(name, __config__=_STRICT, **fields)  # type: ignore[call-overload]
+    return model
 
 
 def _grounds(scope: Scope) -> dict[str, tuple[Any, Any]]:
@@ -222,11 +222,11 @@ def _bare(text: str) -> str:
     return text
 
 
-def _got(error: Any) -> str:
+def _input_note(error: Any) -> str:
     if error["type"] == "missing" or not isinstance(error["input"], str | int | float):
         return ""
-    shown = printable(canonical_json(error["input"]).decode())
-    return f" (got {shown if len(shown) <= 60 else shown[:57] + '...'})"
+    input_text = printable(canonical_json(error["input"]).decode())
+    return f" (got {input_text if len(input_text) <= 60 else input_text[:57] + '...'})"
 
 
 def reply_text(body: bytes, where: str) -> str:
@@ -241,7 +241,7 @@ def reply_text(body: bytes, where: str) -> str:
         BadAnswer: the answer was cut off, or is empty; another try may help.
     """
     try:
-        said = read_completion(body)
+        completion = read_completion(body)
     except BrokenOff as error:
         raise BadAnswer([f"the answer can't be used: {printable(str(error))}"]) from error
     except NoCompletion as error:
@@ -249,13 +249,13 @@ def reply_text(body: bytes, where: str) -> str:
             f"the server's reply is no chat completion: {printable(str(error))} (kept in {where}); "
             "--base-url usually ends in /v1"
         ) from error
-    if said.refusal:
+    if completion.refusal:
         raise PeerError(
-            f"the model declines to answer: {printable(said.refusal)[:200]} (kept in {where}); "
-            "another model may answer, or write the event by hand"
+            f"the model declines to answer: {printable(completion.refusal)[:200]} (kept in "
+            f"{where}); another model may answer, or write the event by hand"
         )
-    if said.cut_off:
+    if completion.cut_off:
         raise BadAnswer(["the answer was cut off at the limit of its length"])
-    if not said.text or not said.text.strip():
+    if not completion.text or not completion.text.strip():
         raise BadAnswer(["the answer is empty"])
-    return said.text
+    return completion.text

@@ -116,19 +116,19 @@ def changed_by_hand(event: Event) -> list[ByHand]:
     """
     value = body(event)
     sealed, templates = seals(event, value), dict[str, dict[str, Any]]()
-    found = []
+    changes = []
     for path, entry in event.uncertainty.items():
         name = entry.source.removeprefix(_DEFAULT)
-        known = entry.review != "unreviewed" and entry.seal == sealed.get(path)
-        if name == entry.source or known or not has(value, path):
+        is_reviewed = entry.review != "unreviewed" and entry.seal == sealed.get(path)
+        if name == entry.source or is_reviewed or not has(value, path):
             continue
         if name not in templates:
             kind = load_event(name)[0].interaction.type
             templates[name] = body(blank_event(kind, event.name).event)
         old = get(templates[name], path) if has(templates[name], path) else None
         if get(value, path) != old:
-            found.append(ByHand(path, old, get(value, path)))
-    return found
+            changes.append(ByHand(path, old, get(value, path)))
+    return changes
 
 
 def with_author(event: Event, fields: Iterable[ByHand], who: str) -> Event:

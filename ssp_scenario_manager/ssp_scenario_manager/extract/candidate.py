@@ -58,14 +58,14 @@ ROAD_RANGES = {
 }
 
 
-def road_words(name: str, shown: Collection[str]) -> dict[str, object]:
+def road_words(name: str, source_words: Collection[str]) -> dict[str, object]:
     """Return how a field of words may differ: any word.
 
     Of manoeuvres, those that the source doesn't show.
     """
     words = ROAD_WORDS[name]
     if name == "permitted_manoeuvres":
-        words = tuple(word for word in words if word not in shown)
+        words = tuple(word for word in words if word not in source_words)
     return {"varies": words} if words else {"identity": True}
 
 
@@ -139,54 +139,54 @@ class _Draft:
         )
 
 
-def make_candidate(found: Interview, clip: Clip, origin: Origin, model: str) -> Event:
+def make_candidate(interview: Interview, clip: Clip, origin: Origin, model: str) -> Event:
     """Make the candidate.
 
     Raises:
         InputError: there is nothing to make an event of: no OT, or no conflict and no kind stated.
     """
-    kind = _kind(found, clip, origin)
+    kind = _kind(interview, clip, origin)
     draft = _Draft(clip, model)
-    ids = [target.id for target in found.targets]
+    ids = [target.id for target in interview.targets]
     draft.derived("name", None, "chosen at extraction")
     draft.derived("description", None, "kind of interaction, and the model's words about the OTs")
     draft.derived("source", None, "the video file and options of the extraction")
     value = {
         "schema": SCHEMA,
         "name": origin.name,
-        "description": _description(kind, found.targets),
+        "description": _description(kind, interview.targets),
         "source": {
             "generator": origin.generator,
             "original": origin.original,
             "sha256": clip.sha256,
             "rate": _exact(clip.rate_hz, "Hz"),
         },
-        "topology": _topology(draft, found),
-        "participants": _participants(draft, found),
-        "motion": _motion(draft, found),
-        "interaction": _interaction(draft, found, kind, origin),
-        "events": _events(draft, found, clip),
-        "constraints": _constraints(draft, found, kind, [VUT_ID, *ids]),
+        "topology": _topology(draft, interview),
+        "participants": _participants(draft, interview),
+        "motion": _motion(draft, interview),
+        "interaction": _interaction(draft, interview, kind, origin),
+        "events": _events(draft, interview, clip),
+        "constraints": _constraints(draft, interview, kind, [VUT_ID, *ids]),
         "uncertainty": draft.doubts,
     }
     return Event.model_validate(value)
 
 
-def _kind(found: Interview, clip: Clip, origin: Origin) -> Kind:
+def _kind(interview: Interview, clip: Clip, origin: Origin) -> Kind:
     remedy = (
         "choose a crop that shows the event (--start, --end), more --frames, or another model; or "
         "refuse the clip"
     )
-    if not found.targets:
+    if not interview.targets:
         raise InputError("shows no conflict with the VUT", file=clip.video, remedy=remedy)
-    said = found.interaction["type"].value
-    if origin.kind is None and said == NONE:
+    answer = interview.interaction["type"].value
+    if origin.kind is None and answer == NONE:
         raise InputError(
             "shows no identifiable conflict, the model says",
             file=clip.video,
             remedy=remedy + "; where you see one, state its kind with --type",
         )
-    return KINDS[origin.kind or said]
+    return KINDS[origin.kind or answer]
 
 
 def _description(kind: Kind, targets: tuple[Target, ...]) -> str:
@@ -199,9 +199,9 @@ def _exact(value: float, unit: str) -> dict[str, Any]:
     return {"min": rounded, "max": rounded, "unit": unit}
 
 
-def _topology(draft: _Draft, found: Interview) -> dict[str, Any]:
+def _topology(draft: _Draft, interview: Interview) -> dict[str, Any]:
     """Return part T: segment, lane counts and VUT lane are identity, the rest varies by default."""
-    answers = {**found.road, "vut_lane": found.vut["vut_lane"]}
+    answers = {**interview.road, "vut_lane": interview.vut["vut_lane"]}
     part: dict[str, Any] = {}
     for name, finding in answers.items():
         value = draft.said(f"topology.{name}", finding)
@@ -221,9 +221,9 @@ def _counted(value: Any) -> Any:
     return value["min"] if value["min"] == value["max"] else UNRESOLVED
 
 
-def _participants(draft: _Draft, found: Interview) -> dict[str, Any]:
+def _participants(draft: _Draft, interview: Interview) -> dict[str, Any]:
     at = f"participants.{VUT_ID}"
-    own = found.vut["class"]
+    own = interview.vut["class"]
     if own.value == UNRESOLVED:
         own_class = draft.standard(f"{at}.class", "car", confidence=0.0)
     else:
@@ -233,11 +233,11 @@ def _participants(draft: _Draft, found: Interview) -> dict[str, Any]:
         VUT_ID: {
             "role": draft.derived(f"{at}.role", "VUT", "carries the camera"),
             "class": own_class,
-            "intent": draft.said(f"{at}.intent", found.vut["intent"]),
+            "intent": draft.said(f"{at}.intent", interview.vut["intent"]),
             "region": draft.derived(f"{at}.region", region, "carries the camera"),
         }
     }
-    for target in found.targets:
+    for target in interview.targets:
         at = f"participants.{target.id}"
         part[target.id] = {
             "role": draft.derived(f"{at}.role", "OT", "seen by the camera"),
@@ -251,9 +251,9 @@ def _participants(draft: _Draft, found: Interview) -> dict[str, Any]:
     return part
 
 
-def _motion(draft: _Draft, found: Interview) -> dict[str, Any]:
+def _motion(draft: _Draft, interview: Interview) -> dict[str, Any]:
     part: dict[str, Any] = {}
-    for who, cells in found.motion.items():
+    for who, cells in interview.motion.items():
         part[who] = {}
         for phase, finding in cells.items():
             fixed = {"heading": "same", "longitudinal": "none"} if who == VUT_ID else {}
@@ -262,8 +262,8 @@ def _motion(draft: _Draft, found: Interview) -> dict[str, Any]:
     return part
 
 
-def _interaction(draft: _Draft, found: Interview, kind: Kind, origin: Origin) -> dict[str, Any]:
-    answers, at = found.interaction, "interaction"
+def _interaction(draft: _Draft, interview: Interview, kind: Kind, origin: Origin) -> dict[str, Any]:
+    answers, at = interview.interaction, "interaction"
     initiator = draft.said(f"{at}.initiator", answers["initiator"])
     first = answers["first"]
     order = [VUT_ID, initiator] if first.value == VUT_ID else [initiator, VUT_ID]
@@ -289,7 +289,7 @@ def _interaction(draft: _Draft, found: Interview, kind: Kind, origin: Origin) ->
     return part
 
 
-def _events(draft: _Draft, found: Interview, clip: Clip) -> dict[str, Any]:
+def _events(draft: _Draft, interview: Interview, clip: Clip) -> dict[str, Any]:
     """Place phases between frames; evidence runs from a phase's first frame to its last."""
     end = round(clip.duration_s, 6)
     draft.derived("events.clip", None, "the crop")
@@ -297,10 +297,10 @@ def _events(draft: _Draft, found: Interview, clip: Clip) -> dict[str, Any]:
     part: dict[str, Any] = {"clip": {"start": _exact(0.0, "s"), "end": _exact(end, "s")}}
     firsts: dict[str, int | None] = {"approach": 1}
     for phase in PHASES_ASKED:
-        value = found.phases[phase].value
+        value = interview.phases[phase].value
         firsts[phase] = None if value == UNRESOLVED else value
     for phase, after in zip(CELL_PHASES, (*PHASES_ASKED, None), strict=True):
-        first, finding = firsts[phase], found.phases.get(phase)
+        first, finding = firsts[phase], interview.phases.get(phase)
         start: Any = _exact(0.0, "s")
         if finding is not None:
             start = draft.said(f"events.{phase}.start", finding, _between(clip, first))
@@ -337,14 +337,14 @@ def _evidence(clip: Clip, span: tuple[int, int]) -> dict[str, Any]:
     return Evidence(frames=frames, span_s=span_s).model_dump(mode="json")
 
 
-def _constraints(draft: _Draft, found: Interview, kind: Kind, ids: list[str]) -> dict[str, Any]:
+def _constraints(draft: _Draft, interview: Interview, kind: Kind, ids: list[str]) -> dict[str, Any]:
     at = "constraints"
-    initiator = found.interaction["initiator"].value
+    initiator = interview.interaction["initiator"].value
     draft.unknown(f"{at}.speeds")
     draft.unknown(f"{at}.manoeuvre")
     quantity = sorted(kind.trigger_quantities)[0]
     return {
-        "speeds": {who: _speeds(draft, who, found.motion[who]) for who in ids},
+        "speeds": {who: _speeds(draft, who, interview.motion[who]) for who in ids},
         "trigger": {
             "quantity": draft.derived(f"{at}.trigger.quantity", quantity, f"type {kind.name}"),
             "object": draft.derived(f"{at}.trigger.object", initiator, "interaction.initiator"),

@@ -106,19 +106,20 @@ def extract(
     name = order.origin.name
     notes = []
     annotation: dict[str, Any] | None = None
-    shown = None
+    annotation_text = None
     if order.annotation is not None:
-        found, digest = load_annotation(order.annotation)
+        source_annotation, digest = load_annotation(order.annotation)
         annotation = {
             "file": order.annotation.name,
             "sha256": digest,
-            "content": found.model_dump(mode="json"),
+            "content": source_annotation.model_dump(mode="json"),
             "shown_to_model": order.show_annotation,
         }
-        shown = found.text if order.show_annotation else None
-        if found.video_id != order.video.stem:
+        annotation_text = source_annotation.text if order.show_annotation else None
+        if source_annotation.video_id != order.video.stem:
             notes.append(
-                f"the annotation is about video {found.video_id!r}, the file is {order.video.name}"
+                f"the annotation is about video {source_annotation.video_id!r}, the file is "
+                f"{order.video.name}"
             )
     if order.candidate.exists() and not order.force:
         raise InputError(
@@ -138,7 +139,7 @@ def extract(
         )
     store = Store(make_folder(order.out) / order.store.name)
     interviewer = Interviewer(
-        clip, chat, store, use_schema=order.use_schema, annotation=shown, advance=advance
+        clip, chat, store, use_schema=order.use_schema, annotation=annotation_text, advance=advance
     )
     interview = interviewer.run()
     gate = gate_findings(interview, clip)
@@ -164,10 +165,10 @@ def extract(
     )
     write_json(store.folder / DECISIONS_FILE, result.as_dict())
     write_event(order.candidate, event)
-    done = _record(
+    record = _record(
         "extraction", name, now(), "candidate of a model", {**details, "version": version}
     )
-    append_records(log, [source, done])
+    append_records(log, [source, record])
     return result
 
 

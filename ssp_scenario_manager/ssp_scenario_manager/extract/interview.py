@@ -164,8 +164,8 @@ class Store:
     def keep(self, key: str, body: bytes) -> str:
         """Write a reply as it came; return its file's name."""
         names = (f"answers/{key}-{number}.body" for number in itertools.count(1))
-        taken = {answer.file for answer in self._questions[key].answers}
-        name = next(n for n in names if n not in taken and not (self.folder / n).exists())
+        answer_files = {answer.file for answer in self._questions[key].answers}
+        name = next(n for n in names if n not in answer_files and not (self.folder / n).exists())
         write_bytes(self.folder / name, body)
         return name
 
@@ -179,12 +179,12 @@ class Store:
 
     def describe(self, keys: Iterable[str]) -> dict[str, dict[str, str]]:
         """Return the hashes of the requests and of the answers that were used, for the log."""
-        found = {}
+        hashes = {}
         for key in keys:
             entry = self._questions[key]
             used = next(answer for answer in entry.answers if not answer.problems)
-            found[key] = {"request": entry.request_sha256, "answer": used.sha256}
-        return found
+            hashes[key] = {"request": entry.request_sha256, "answer": used.sha256}
+        return hashes
 
     def _read(self, answer: StoredAnswer) -> bytes:
         path = self.folder / answer.file
@@ -271,17 +271,17 @@ class Interviewer:
         road = self._fields("road", scope)
         vut = self._fields("vut", scope)
         items = listed(self._ask("targets", "targets", scope, {}))
-        named = {f"ot{i}": item for i, item in enumerate(items, start=1)}
+        items_by_id = {f"ot{i}": item for i, item in enumerate(items, start=1)}
         self._earlier["targets"] = {
             name: {"class": finding.value["class"], "description": description}
-            for name, (finding, description) in named.items()
+            for name, (finding, description) in items_by_id.items()
         }
         # Without an OT there is nothing that could interact; only the gate's question is left.
         self._total = 7 + 2 * len(items) if items else 4
-        scope = Scope(scope.frames, tuple(named))
+        scope = Scope(scope.frames, tuple(items_by_id))
         targets = tuple(
             Target(name, description, finding, self._fields("target", scope, name, description))
-            for name, (finding, description) in named.items()
+            for name, (finding, description) in items_by_id.items()
         )
         interaction = self._fields("interaction", scope) if targets else {}
         phases = self._fields("phases", scope) if targets else {}
@@ -296,18 +296,18 @@ class Interviewer:
     ) -> dict[str, Finding]:
         name = f"{key}_{about}" if about else key
         filling = {"id": about, "description": description} if about else {}
-        found = findings(self._ask(key, name, scope, filling))
-        self._earlier[name] = {field: finding.value for field, finding in found.items()}
-        return found
+        findings_by_field = findings(self._ask(key, name, scope, filling))
+        self._earlier[name] = {field: finding.value for field, finding in findings_by_field.items()}
+        return findings_by_field
 
     def _ask(self, key: str, name: str, scope: Scope, filling: Mapping[str, Any]) -> BaseModel:
         question = QUESTIONS[key]
         request = self._request(question, name, scope, filling)
         stored = self.store.begin(name, request)
         self._keys.append(stored)
-        kept = self.store.finished(stored)
-        if kept is not None:
-            answer = read_answer(question, scope, reply_text(kept, str(self.store.folder)))
+        body = self.store.finished(stored)
+        if body is not None:
+            answer = read_answer(question, scope, reply_text(body, str(self.store.folder)))
         else:
             answer = self._new_answer(question, name, scope, request, stored)
         self.advance(len(self._keys), self._total)
@@ -323,14 +323,14 @@ class Interviewer:
             picture = self.store.keep_frame(shot.number, shot.jpeg)
             content.append({"type": "text", "text": text})
             content.append({"type": "image_url", "image_url": picture})
-        asked = []
+        paragraphs = []
         if self._earlier:
             earlier = json.dumps(self._earlier, ensure_ascii=False)
-            asked.append(EARLIER_TEXT.format(earlier=earlier))
+            paragraphs.append(EARLIER_TEXT.format(earlier=earlier))
         if self.annotation:
-            asked.append(ANNOTATION_TEXT.format(annotation=self.annotation))
-        asked.append(question_text(question, scope, self._filled(filling)))
-        content.append({"type": "text", "text": "\n".join(asked)})
+            paragraphs.append(ANNOTATION_TEXT.format(annotation=self.annotation))
+        paragraphs.append(question_text(question, scope, self._filled(filling)))
+        content.append({"type": "text", "text": "\n".join(paragraphs)})
         request: dict[str, Any] = {
             "model": self.chat.model,
             "messages": [
@@ -378,8 +378,8 @@ class Interviewer:
                 problems = bad.problems
                 self.store.judge(key, file, problems)
                 again = AGAIN_TEXT.format(problems=printable("; ".join(problems)))
-                said = {"role": "assistant", "content": text[:_KEPT_OF_BAD] or "(nothing)"}
-                messages = [*request["messages"], said, {"role": "user", "content": again}]
+                bad_reply = {"role": "assistant", "content": text[:_KEPT_OF_BAD] or "(nothing)"}
+                messages = [*request["messages"], bad_reply, {"role": "user", "content": again}]
                 continue
             except PeerError as error:
                 self.store.judge(key, file, [str(error)])

@@ -84,9 +84,12 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
     ]
     safety += [
         SafetyNote(
-            ns_to_seconds(seen.stamp_ns), MEANINGS[seen.code].limit_name, MANAGER, seen.object_id
+            ns_to_seconds(violation.stamp_ns),
+            MEANINGS[violation.code].limit_name,
+            MANAGER,
+            violation.object_id,
         )
-        for seen in session.of_kind(Violation)
+        for violation in session.of_kind(Violation)
     ]
     return Evidence(
         spec=spec,
@@ -112,7 +115,7 @@ def _truth(reports: list[StepReport]) -> dict[str, Track]:
             for one in report.truths:
                 if one.role in (Role.VUT, Role.OT):
                     rows.setdefault(one.object_id, []).append((ns_to_seconds(report.now_ns), one))
-    return {object_id: track_of(kept) for object_id, kept in rows.items()}
+    return {object_id: track_of(samples) for object_id, samples in rows.items()}
 
 
 def _faults(spec: RunSpec, happened: RunEvents) -> tuple[FaultNote, ...]:
@@ -120,11 +123,11 @@ def _faults(spec: RunSpec, happened: RunEvents) -> tuple[FaultNote, ...]:
         FaultNote(ns_to_seconds(f.stamp_ns), int(f.fault.partition(" ")[0]), f.active)
         for f in happened.faults
     ]
-    told = {note.index for note in notes}
+    indices = {note.index for note in notes}
     notes += [
         FaultNote(fault.at_s or 0.0, index, True)
         for index, fault in enumerate(spec.faults)
-        if index not in told and fault.kind == "operator_abort"
+        if index not in indices and fault.kind == "operator_abort"
     ]
     return tuple(sorted(notes, key=lambda note: (note.t_s, note.index)))
 
@@ -132,7 +135,7 @@ def _faults(spec: RunSpec, happened: RunEvents) -> tuple[FaultNote, ...]:
 def left_behind(folder: Path) -> list[str]:
     """Describe the processes that still write into a run's logs."""
     logs = (folder / "logs").resolve()
-    found = []
+    leftovers = []
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit():
             continue
@@ -142,8 +145,8 @@ def left_behind(folder: Path) -> list[str]:
         except OSError:
             continue  # it ended meanwhile, or is another user's
         if output.parent == logs:
-            found.append(f"process {entry.name} ({name}) still runs and writes {output.name}")
-    return found
+            leftovers.append(f"process {entry.name} ({name}) still runs and writes {output.name}")
+    return leftovers
 
 
 SAID_FILE = "said.txt"
@@ -248,8 +251,8 @@ def run_cells(scene: FaultScenario, cells: list[tuple[Row, Stage]]) -> Iterator[
         fault = fault_of(row, stage, scene.nominal, scene.run)
         run = scene.run.model_copy(update={"faults": [fault]})
         if scene.way == "in_process":
-            judged = judge(cell, run_for_evidence(run), 0)
-            yield CellResult(scene, row, stage, cell, fault, judged)
+            judgement = judge(cell, run_for_evidence(run), 0)
+            yield CellResult(scene, row, stage, cell, fault, judgement)
             continue
         folder = make_folder(scene.folder / row.name / stage.value)
         name = f"{scene.name}-{row.name}-{stage.value}"
@@ -260,8 +263,8 @@ def run_cells(scene: FaultScenario, cells: list[tuple[Row, Stage]]) -> Iterator[
                 break
             (folder / CELL_FILE).unlink()
             evidence, leftovers = _evidence(run, folder)
-        judged = judge(cell, evidence, 0, leftovers)
-        yield CellResult(scene, row, stage, cell, fault, judged, folder, evidence.wall_s)
+        judgement = judge(cell, evidence, 0, leftovers)
+        yield CellResult(scene, row, stage, cell, fault, judgement, folder, evidence.wall_s)
 
 
 def _evidence(run: RunSpec, folder: Path) -> tuple[Evidence, list[str]]:
@@ -271,10 +274,10 @@ def _evidence(run: RunSpec, folder: Path) -> tuple[Evidence, list[str]]:
         KeyboardInterrupt: a person ended it; the campaign goes on from here the next time.
     """
     key = sha256_json(run.model_dump(mode="json", by_alias=True))
-    known = _finished(folder, key)
-    if known is None:
-        known = _run_session(run, folder, key)
-    return read_evidence(folder), known
+    leftovers = _finished(folder, key)
+    if leftovers is None:
+        leftovers = _run_session(run, folder, key)
+    return read_evidence(folder), leftovers
 
 
 def _finished(folder: Path, key: str) -> list[str] | None:
@@ -292,14 +295,14 @@ def _run_session(run: RunSpec, folder: Path, key: str) -> list[str]:
         if old.name == TASK_FOLDER:
             continue
         shutil.rmtree(old) if old.is_dir() else old.unlink()
-    said: list[str] = []
-    result = run_session(run, folder.resolve(), said.append)
+    notices: list[str] = []
+    result = run_session(run, folder.resolve(), notices.append)
     if any(reason.startswith(_INTERRUPTED) for reason in result.outcome.reasons):
         raise KeyboardInterrupt
     if not (folder / RESULT_FILE).is_file():
         raise HostError("; ".join(result.unwritten))
     leftovers = left_behind(folder)
-    write_text(folder / SAID_FILE, "".join(f"{line}\n" for line in said))
+    write_text(folder / SAID_FILE, "".join(f"{line}\n" for line in notices))
     write_json(
         folder / CELL_FILE,
         {"schema": "ssp.fault_cell/1", "key": key, "leftovers": leftovers},

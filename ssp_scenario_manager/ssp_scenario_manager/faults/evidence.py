@@ -229,7 +229,7 @@ def read_evidence(folder: Path) -> Evidence:
     """
     spec, result = load_run(folder / "run.yaml"), load_result(folder)
     notes, witness = load_notes(folder), load_witness(folder)
-    found = Evidence(
+    evidence = Evidence(
         spec=spec,
         verdict=result.verdict,
         reasons=tuple(result.reasons),
@@ -244,7 +244,7 @@ def read_evidence(folder: Path) -> Evidence:
     if bag.is_dir():
         try:
             with BagReader(bag) as reader:
-                found = _of_bag(reader, found, problems)
+                evidence = _of_bag(reader, evidence, problems)
             problems += check_bag(bag).problems
         except InputError as error:
             problems.append(str(error))
@@ -253,20 +253,20 @@ def read_evidence(folder: Path) -> Evidence:
     by_runner = [
         FaultNote(one.session_s, one.index, one.active, one.wall_s) for one in notes.injected
     ]
-    known = {(note.index, note.active) for note in by_runner}
-    others = [note for note in found.faults if (note.index, note.active) not in known]
+    runner_keys = {(note.index, note.active) for note in by_runner}
+    others = [note for note in evidence.faults if (note.index, note.active) not in runner_keys]
     return replace(
-        found,
-        truth=_longer(found.truth, _witnessed(witness)),
+        evidence,
+        truth=_longer(evidence.truth, _witnessed(witness)),
         faults=tuple(sorted([*others, *by_runner], key=lambda n: (n.t_s, n.index))),
         problems=tuple(problems),
     )
 
 
-def _of_bag(reader: BagReader, found: Evidence, problems: list[str]) -> Evidence:
+def _of_bag(reader: BagReader, evidence: Evidence, problems: list[str]) -> Evidence:
     """Read the topics; each one that can't be read is a problem."""
 
-    def told(*topics: str, take: Callable[[Any], Any], raw: bool = False) -> list[Any]:
+    def values_of(*topics: str, take: Callable[[Any], Any], raw: bool = False) -> list[Any]:
         values = []
         for message in reader.messages([names.absolute(topic) for topic in topics]):
             try:
@@ -277,7 +277,7 @@ def _of_bag(reader: BagReader, found: Evidence, problems: list[str]) -> Evidence
 
     rows: dict[str, list[tuple[float, ObjectState]]] = {}
     stepped = -1
-    for tick in told(names.WORLD_TICK, take=decode_tick, raw=True):
+    for tick in values_of(names.WORLD_TICK, take=decode_tick, raw=True):
         if tick.step <= stepped:
             continue  # a world that holds repeats itself
         stepped = tick.step
@@ -285,33 +285,33 @@ def _of_bag(reader: BagReader, found: Evidence, problems: list[str]) -> Evidence
             if one.role in _OURS:
                 rows.setdefault(one.object_id, []).append((ns_to_seconds(tick.stamp_ns), one))
     own = [
-        told(names.state_topic(target.id), take=decode_state, raw=True)
-        for target in found.spec.targets
+        values_of(names.state_topic(target.id), take=decode_state, raw=True)
+        for target in evidence.spec.targets
     ]
-    own += [array.states for array in told(names.OBJECT_STATES, take=decode_states, raw=True)]
+    own += [array.states for array in values_of(names.OBJECT_STATES, take=decode_states, raw=True)]
     states = [state for some in own for state in some]
-    beats = told(names.HEARTBEAT, take=decode_heartbeat, raw=True)
+    beats = values_of(names.HEARTBEAT, take=decode_heartbeat, raw=True)
     return replace(
-        found,
-        truth={object_id: track_of(kept) for object_id, kept in rows.items()},
+        evidence,
+        truth={object_id: track_of(samples) for object_id, samples in rows.items()},
         own_states=own_states(states),
         session=tuple(
-            told(names.SESSION_STATE, take=lambda m: (_stamp_s(m), SessionPhase(m.state)))
+            values_of(names.SESSION_STATE, take=lambda m: (_stamp_s(m), SessionPhase(m.state)))
         ),
-        phases=tuple(told(names.PHASE_EVENT, take=lambda m: (_stamp_s(m), Phase(m.phase)))),
+        phases=tuple(values_of(names.PHASE_EVENT, take=lambda m: (_stamp_s(m), Phase(m.phase)))),
         triggers=tuple(
-            told(names.TRIGGER_EVENT, take=lambda m: ns_to_seconds(stamp_ns(m.dispatch_time)))
+            values_of(names.TRIGGER_EVENT, take=lambda m: ns_to_seconds(stamp_ns(m.dispatch_time)))
         ),
         safety=tuple(
-            told(
+            values_of(
                 names.SAFETY_EVENT,
                 take=lambda m: SafetyNote(_stamp_s(m), m.limit_name, m.source, m.object_id),
             )
         ),
-        faults=tuple(told(names.FAULT_EVENT, take=_fault_note)),
+        faults=tuple(values_of(names.FAULT_EVENT, take=_fault_note)),
         last_heartbeat_s=ns_to_seconds(beats[-1].stamp_ns) if beats else None,
         last_state_s={state.object_id: ns_to_seconds(state.stamp_ns) for state in states},
-        lost=max(told(names.RECORDER_STATUS, take=lambda m: int(m.lost)), default=0),
+        lost=max(values_of(names.RECORDER_STATUS, take=lambda m: int(m.lost)), default=0),
     )
 
 
@@ -364,13 +364,13 @@ def _witnessed(witness: WitnessFile) -> dict[str, Track]:
     }
 
 
-def _longer(bag: dict[str, Track], heard: dict[str, Track]) -> dict[str, Track]:
+def _longer(bag: dict[str, Track], witness_tracks: dict[str, Track]) -> dict[str, Track]:
     """Choose for each object the longer track: a struck recorder's bag ends early."""
     truth = dict(bag)
-    for object_id, track in heard.items():
-        known = truth.get(object_id)
+    for object_id, track in witness_tracks.items():
+        bag_track = truth.get(object_id)
         reaches = len(track.t_s) > 0 and (
-            known is None or len(known.t_s) == 0 or track.t_s[-1] > known.t_s[-1]
+            bag_track is None or len(bag_track.t_s) == 0 or track.t_s[-1] > bag_track.t_s[-1]
         )
         if reaches:
             truth[object_id] = track

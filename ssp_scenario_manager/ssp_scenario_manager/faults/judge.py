@@ -135,15 +135,15 @@ def _text(object_id: str, stop: Stop) -> str:
 
 
 def _of_verdict(expected: ExpectedOutcome, evidence: Evidence) -> list[str]:
-    found = []
+    findings = []
     if evidence.verdict not in expected.verdicts:
-        found.append(f"verdict {evidence.verdict}, not {' or '.join(sorted(expected.verdicts))}")
+        findings.append(f"verdict {evidence.verdict}, not {' or '.join(sorted(expected.verdicts))}")
     primary = evidence.reasons[0] if evidence.reasons else ""
     if evidence.verdict == "valid":
-        found += [f"a valid run has a reason: {primary}"] if primary else []
+        findings += [f"a valid run has a reason: {primary}"] if primary else []
     elif not any(primary.startswith(beginning) for beginning in expected.primary):
-        found.append(f"first reason is {primary.splitlines()[0] if primary else 'missing'!r}")
-    return found
+        findings.append(f"first reason is {primary.splitlines()[0] if primary else 'missing'!r}")
+    return findings
 
 
 def _of_names(expected: ExpectedOutcome, evidence: Evidence) -> list[str]:
@@ -152,7 +152,7 @@ def _of_names(expected: ExpectedOutcome, evidence: Evidence) -> list[str]:
     if not expected.starts:
         # Nor does a session that couldn't start end in order.
         explained = (*explained, "the recording ends while the session is")
-    found = [
+    findings = [
         f"unexpected reason: {reason.splitlines()[0]}"
         for reason in evidence.reasons[1:]
         if not any(reason.startswith(beginning) for beginning in explained)
@@ -161,27 +161,27 @@ def _of_names(expected: ExpectedOutcome, evidence: Evidence) -> list[str]:
     for note in evidence.safety:
         if note.limit_name not in limits:
             text = f"unexpected safety event: {note.limit_name} {note.object_id} at {note.t_s:.2f}"
-            found.append(f"{text} s, seen by {note.source}")
-    return found
+            findings.append(f"{text} s, seen by {note.source}")
+    return findings
 
 
 def _of_end(evidence: Evidence) -> list[str]:
-    found = []
+    findings = []
     sizes = {p.id: p.size for p in (evidence.spec.vut, *evidence.spec.targets)}
     for object_id, track in sorted(evidence.truth.items()):
         if not track.stands_at_the_end():
-            found.append(f"{object_id} moves at the end, {track.speed_mps[-1]:.2f} m/s")
+            findings.append(f"{object_id} moves at the end, {track.speed_mps[-1]:.2f} m/s")
         outside = track.farthest_outside_m(sizes[object_id], evidence.spec.geofence)
         if outside > 0.0:
-            found.append(f"{object_id} was {outside:.2f} m outside the geofence")
+            findings.append(f"{object_id} was {outside:.2f} m outside the geofence")
     tracks = sorted(evidence.truth.items())
     for i, (a, ours) in enumerate(tracks):
-        found += [
+        findings += [
             f"{a} and {b} touch"
             for b, theirs in tracks[i + 1 :]
             if touch(ours, sizes[a], theirs, sizes[b])
         ]
-    return found
+    return findings
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,11 +224,13 @@ class _Instant:
 
 def _reached_s(evidence: Evidence, phase: SessionPhase) -> float | None:
     """Return when the session came to a phase, by the bag, or as the runner heard it."""
-    known = evidence.reached(phase)
-    if known is not None:
-        return known
-    heard = evidence.heard
-    return next((h.t_s for h in heard if h.kind == "session" and h.name == phase.name), None)
+    bag_time_s = evidence.reached(phase)
+    if bag_time_s is not None:
+        return bag_time_s
+    runner_events = evidence.heard
+    return next(
+        (h.t_s for h in runner_events if h.kind == "session" and h.name == phase.name), None
+    )
 
 
 def _signs(evidence: Evidence, since_s: float, limits: Sequence[str]) -> list[tuple[float, str]]:

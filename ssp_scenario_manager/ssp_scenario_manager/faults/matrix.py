@@ -168,8 +168,8 @@ class Row:
 
 def read_rows(path: Path = _FILE) -> tuple[Row, ...]:
     """Return the rows of a matrix file, in its order."""
-    given = yaml.safe_load(path.read_text())
-    times: dict[str, float] = given["times"]
+    document = yaml.safe_load(path.read_text())
+    times: dict[str, float] = document["times"]
 
     def cell_of(cell: dict[str, Any]) -> dict[str, Any]:
         bounds = {key: cell[key] for key in ("within", "lockstep", "blind") if key in cell}
@@ -186,10 +186,10 @@ def read_rows(path: Path = _FILE) -> tuple[Row, ...]:
             for stage in _SHORT.get(word) or (Stage(word),)
         }
 
-    for row in given["rows"]:
+    for row in document["rows"]:
         for key in {"cells", "standing"} & row.keys():
             row[key] = cells_of(row[key])
-    return TypeAdapter(tuple[Row, ...]).validate_python(given["rows"])
+    return TypeAdapter(tuple[Row, ...]).validate_python(document["rows"])
 
 
 MATRIX = read_rows()

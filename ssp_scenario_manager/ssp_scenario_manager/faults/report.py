@@ -30,7 +30,7 @@ def as_json(results: Sequence[CellResult]) -> dict[str, Any]:
 
 
 def _cell_json(result: CellResult) -> dict[str, Any]:
-    cell, judged, fault = result.cell, result.judged, result.fault
+    cell, judgement, fault = result.cell, result.judged, result.fault
     facts: dict[str, Any] = {
         "scenario": result.scene.name,
         "mode": result.scene.mode,
@@ -43,13 +43,13 @@ def _cell_json(result: CellResult) -> dict[str, Any]:
     facts |= {"expected_verdicts": sorted(cell.verdicts), "by": cell.by, "why": cell.why}
     if fault is not None:
         facts["injected"] = fault.model_dump(mode="json")
-    if judged is None:
+    if judgement is None:
         return facts
-    reaction = judged.reaction
+    reaction = judgement.reaction
     return facts | {
-        "as_expected": judged.ok,
-        "verdict": judged.verdict,
-        "primary_reason": judged.primary,
+        "as_expected": judgement.ok,
+        "verdict": judgement.verdict,
+        "primary_reason": judgement.primary,
         "reaction": None
         if reaction is None
         else {
@@ -65,25 +65,25 @@ def _cell_json(result: CellResult) -> dict[str, Any]:
                 "bound_m": round(stop.bound_m, 3),
                 "standstill_s": stop.standstill_s,
             }
-            for object_id, stop in judged.stops.items()
+            for object_id, stop in judgement.stops.items()
         },
-        "findings": list(judged.findings),
+        "findings": list(judgement.findings),
         "folder": None if result.folder is None else str(result.folder),
         "wall_s": result.wall_s,
     }
 
 
-def measured_parts(judged: CellJudgement) -> list[str]:
+def measured_parts(judgement: CellJudgement) -> list[str]:
     """Return verdict, reaction time and stopping distances, each with its bound."""
-    parts = [judged.verdict]
-    if judged.reaction is not None:
-        reaction = judged.reaction
+    parts = [judgement.verdict]
+    if judgement.reaction is not None:
+        reaction = judgement.reaction
         took = "never" if reaction.seconds is None else f"{reaction.seconds:.2f} s"
         wall = " wall" if reaction.clock == "wall" else ""
         parts.append(f"{took}{wall} (≤ {reaction.bound_s:.2f})")
     parts += [
         f"{object_id} {stop.distance_m:.1f} m (≤ {stop.bound_m:.1f})"
-        for object_id, stop in judged.stops.items()
+        for object_id, stop in judgement.stops.items()
         if stop.speed_mps > 0.0 or stop.distance_m > 0.0
     ]
     return parts
@@ -94,17 +94,17 @@ def measured_parts(judged: CellJudgement) -> list[str]:
 
 def _scenarios(results: Sequence[CellResult]) -> list[dict[str, Any]]:
     """Collect for each scenario and mode its title, its stages, and by row the results by stage."""
-    found: dict[str, dict[str, Any]] = {}
+    scenarios: dict[str, dict[str, Any]] = {}
     for result in results:
         way = result.scene.mode if result.scene.way == "sessions" else "in one process"
         title = f"{result.scene.name}, {way}"
-        scenario = found.setdefault(title, {"title": title, "stages": [], "rows": {}})
+        scenario = scenarios.setdefault(title, {"title": title, "stages": [], "rows": {}})
         row = scenario["rows"].setdefault(result.row.name, {"title": result.row.title, "cells": {}})
         row["cells"][result.stage] = result
-    for scenario in found.values():
+    for scenario in scenarios.values():
         rows = scenario["rows"].values()
         scenario["stages"] = [s for s in Stage if any(s in row["cells"] for row in rows)]
-    return list(found.values())
+    return list(scenarios.values())
 
 
 def _expectations(results: Sequence[CellResult], run: RunSpec) -> list[tuple[str, list[str]]]:
@@ -112,9 +112,9 @@ def _expectations(results: Sequence[CellResult], run: RunSpec) -> list[tuple[str
 
     Equal cells of stages once.
     """
-    found: dict[str, list[tuple[Cell, list[Stage]]]] = {}
+    cells_by_row: dict[str, list[tuple[Cell, list[Stage]]]] = {}
     for result in results:
-        cells = found.setdefault(result.row.name, [])
+        cells = cells_by_row.setdefault(result.row.name, [])
         stages = next((stages for cell, stages in cells if cell == result.cell), None)
         if stages is None:
             cells.append((result.cell, [result.stage]))
@@ -122,7 +122,7 @@ def _expectations(results: Sequence[CellResult], run: RunSpec) -> list[tuple[str
             stages.append(result.stage)
     return [
         (name, [", ".join(stage.title for stage in stages), *_expected(cell, run)])
-        for name, cells in found.items()
+        for name, cells in cells_by_row.items()
         for cell, stages in cells
     ]
 

@@ -57,18 +57,23 @@ class Arm:
 
 
 def arm_of(
-    block: Block, lane: BlockLane, known: Mapping[str, Block], junction: str | None, *, back: bool
+    block: Block,
+    lane: BlockLane,
+    blocks_by_id: Mapping[str, Block],
+    junction: str | None,
+    *,
+    back: bool,
 ) -> Arm:
     """Return the arm along a lane of the road that meets the junction, 60 m of it at most.
 
     Args:
         block: the road.
         lane: leads to the junction, or away from it.
-        known: blocks by their ids.
+        blocks_by_id: blocks by their ids.
         junction: whose arm it is.
         back: it leads to the junction.
     """
-    legs = list(_legs(block, lane, known, junction, back=back))
+    legs = list(_legs(block, lane, blocks_by_id, junction, back=back))
     same = next((i for i, leg in enumerate(legs) if not _same_lanes(legs[0], leg)), len(legs))
     if same == len(legs) or sum(leg.length_m for leg in legs[:same]) >= _WHOLE_M:
         line = _line(legs[:same], back=back)
@@ -82,26 +87,31 @@ def arm_of(
 
 
 def _legs(
-    block: Block, lane: BlockLane, known: Mapping[str, Block], junction: str | None, *, back: bool
+    block: Block,
+    lane: BlockLane,
+    blocks_by_id: Mapping[str, Block],
+    junction: str | None,
+    *,
+    back: bool,
 ) -> Iterator[Leg]:
     """Yield the parts of an arm along a lane: of several ways on, the straightest."""
-    long_m, taken = 0.0, {block.block_id}
+    long_m, leg_ids = 0.0, {block.block_id}
     leg = _part(block, lane, ARM_M, back=back)
     yield leg
     while (long_m := long_m + leg.length_m) < ARM_M:
-        found: list[tuple[bool, float, str, Block, BlockLane]] = []
+        candidates: list[tuple[bool, float, str, Block, BlockLane]] = []
         for name in leg.block.entrances if back else leg.block.exits:
-            other = known.get(name)
-            if other is None or name in taken or other.junction == junction:
+            other = blocks_by_id.get(name)
+            if other is None or name in leg_ids or other.junction == junction:
                 continue
             if other.junction is not None and long_m >= _LEAST_M:
                 continue
             if (on := continued(leg, other, back=back)) is not None:
-                found.append((other.shifting, turn_of(other), name, other, on))
-        if not found:
+                candidates.append((other.shifting, turn_of(other), name, other, on))
+        if not candidates:
             return
-        *_, name, other, on = min(found, key=lambda one: one[:3])
-        taken.add(name)
+        *_, name, other, on = min(candidates, key=lambda one: one[:3])
+        leg_ids.add(name)
         leg = _part(other, on, ARM_M - long_m, back=back)
         yield leg
 
@@ -151,17 +161,17 @@ def junction_roads(library: Library, junction: str) -> list[JunctionRoad]:
     """Return the connecting roads of a junction and its arms, each road once."""
     here = library.drivable
     inside = [block for block in here if block.junction == junction and not block.passage]
-    known = {block.block_id: block for block in here if block.junction != junction}
+    blocks_by_id = {block.block_id: block for block in here if block.junction != junction}
     arms: dict[str, _End] = {}
     for block in inside:
-        arms |= {name: "end" for name in block.entrances if name in known}
+        arms |= {name: "end" for name in block.entrances if name in blocks_by_id}
     for block in inside:
-        arms |= {name: "start" for name in block.exits if name in known and name not in arms}
-    found = [_junction_road(block.line, block.lanes, "both") for block in inside]
+        arms |= {name: "start" for name in block.exits if name in blocks_by_id and name not in arms}
+    roads = [_junction_road(block.line, block.lanes, "both") for block in inside]
     # Both directions of a road are blocks, each with all lanes.
     carriageways: list[tuple[Point, list[tuple[Block, _End]]]] = []
     for name, end in arms.items():
-        block = known[name]
+        block = blocks_by_id[name]
         middle_m = 0.5 * (block.left_edge_m + block.right_edge_m)
         mouth = block.line.to_map(block.length_m if end == "end" else 0.0, middle_m)
         for at, blocks in carriageways:
@@ -171,16 +181,16 @@ def junction_roads(library: Library, junction: str) -> list[JunctionRoad]:
         else:
             carriageways.append((mouth, [(block, end)]))
     for _, blocks in carriageways:
-        found += _carriageway(blocks, known, junction)
-    return found
+        roads += _carriageway(blocks, blocks_by_id, junction)
+    return roads
 
 
 def _carriageway(
-    blocks: Sequence[tuple[Block, _End]], known: Mapping[str, Block], junction: str
+    blocks: Sequence[tuple[Block, _End]], blocks_by_id: Mapping[str, Block], junction: str
 ) -> Iterator[JunctionRoad]:
     """Yield the roads of one arm: one where its lanes stay beside each other, else one a lane."""
     arms = [
-        (arm_of(block, lane, known, junction, back=end == "end"), end)
+        (arm_of(block, lane, blocks_by_id, junction, back=end == "end"), end)
         for block, end in blocks
         for lane in block.forward_lanes
     ]

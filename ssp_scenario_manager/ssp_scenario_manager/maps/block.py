@@ -163,18 +163,18 @@ class Block:
     def crossings_s_m(self) -> tuple[float, ...]:
         """Arc lengths of the marked crossings of the whole road, the most central one first."""
         middle = self.length_m / 2.0
-        found = [zebra.s_m for zebra in self.crossings if zebra.whole]
-        return tuple(sorted(found, key=lambda s: abs(s - middle)))
+        stations_m = [zebra.s_m for zebra in self.crossings if zebra.whole]
+        return tuple(sorted(stations_m, key=lambda s: abs(s - middle)))
 
     @property
     def zebras_m(self) -> tuple[tuple[float, float, float], ...]:
         """Arc length, right and left border of each zebra, in order along the block."""
         low, high = self.right_edge_m, self.left_edge_m
-        found = [
+        zebras = [
             (zebra.s_m, max(zebra.right_m, low), min(zebra.left_m, high))
             for zebra in self.crossings
         ]
-        return tuple(sorted(found))
+        return tuple(sorted(zebras))
 
     @property
     def length_m(self) -> float:
@@ -241,20 +241,20 @@ def conflict_areas(
     there are two such lanes and one may be changed for the other. Crossing: at a marked crossing,
     and all of it where people may cross anywhere.
     """
-    found = []
+    areas = []
     for at_m in crossings_s_m:
         low = max(0.0, at_m - CROSSING_HALF_M)
         high = min(length_m, at_m + CROSSING_HALF_M)
         if low < high:
-            found.append(ConflictArea("crossing", low, high))
+            areas.append(ConflictArea("crossing", low, high))
     if "crossing" in permitted:
-        found.append(ConflictArea("crossing", 0.0, length_m))
+        areas.append(ConflictArea("crossing", 0.0, length_m))
     forward = sum(lane.forward for lane in lanes)
     if forward:
-        found.append(ConflictArea("following", 0.0, length_m))
+        areas.append(ConflictArea("following", 0.0, length_m))
     if forward > 1 and {"lane_change_left", "lane_change_right"} & set(permitted):
-        found.append(ConflictArea("merge", 0.0, length_m))
-    return tuple(sorted(found, key=lambda area: (area.kind, area.start_s_m, area.end_s_m)))
+        areas.append(ConflictArea("merge", 0.0, length_m))
+    return tuple(sorted(areas, key=lambda area: (area.kind, area.start_s_m, area.end_s_m)))
 
 
 # A bend with a radius of more than 1000 m is driven, and seen, as a straight.

@@ -82,9 +82,11 @@ class Crosswalk:
             middle = (turned.min(axis=0) + turned.max(axis=0)) / 2.0
             at = line.pose(min(self.s_m, line.length_m))
             foot = np.array([self.s_m, self.t_m]) + middle
-            found = line.to_local_many(np.array([at.to_parent(middle[0], self.t_m + middle[1])]))[0]
-            if not np.isnan(found).any():
-                foot = found
+            projection = line.to_local_many(
+                np.array([at.to_parent(middle[0], self.t_m + middle[1])])
+            )[0]
+            if not np.isnan(projection).any():
+                foot = projection
             there = line.pose(min(max(float(foot[0]), 0.0), line.length_m))
             places = (turned - middle) @ _turn(at.yaw_rad - there.yaw_rad) + foot
         (low, right), (high, left) = places.min(axis=0).tolist(), places.max(axis=0).tolist()

@@ -37,14 +37,14 @@ def _onward(block: Block, after: Block) -> dict[str, BlockLane]:
     return {one.name: other for _, one, other in sorted(near, key=lambda pair: -pair[0])}
 
 
-def _check_end(after: Block, known: Mapping[str, Block]) -> None:
+def _check_end(after: Block, blocks_by_id: Mapping[str, Block]) -> None:
     """Check that no lane begins where the next block ends: the one that seems to end may go on.
 
     Raises:
         _NoPlace: one does.
     """
     for name in after.exits:
-        if (beyond := known.get(name)) is None:
+        if (beyond := blocks_by_id.get(name)) is None:
             continue
         led = {lane.name for lane in _onward(after, beyond).values()}
         new = [lane.name for lane in beyond.forward_lanes if lane.name not in led]
@@ -128,12 +128,12 @@ def _junction(block: Block, after: Block, lane: BlockLane, beside: BlockLane) ->
     return [before, straight, over]
 
 
-def _ends(block: Block, known: Mapping[str, Block]) -> Iterator[tuple[Block, BlockLane]]:
+def _ends(block: Block, blocks_by_id: Mapping[str, Block]) -> Iterator[tuple[Block, BlockLane]]:
     """Yield the lanes of a block that end while another goes on, with the block that follows.
 
     Straight parts of a bent block lie on it, and aren't what leads to the next one.
     """
-    after = known.get(block.exits[0]) if len(block.exits) == 1 else None
+    after = blocks_by_id.get(block.exits[0]) if len(block.exits) == 1 else None
     if len(block.forward_lanes) < 2 or block.junction is not None:
         return
     if after is None or after.junction is not None or block.block_id not in after.entrances:
@@ -152,16 +152,16 @@ def with_lane_ends(library: Library) -> Library:
     """
     if library.kind != "opendrive":
         return library
-    known = {block.block_id: block for block in library.drivable}
-    made: list[Block] = []
+    blocks_by_id = {block.block_id: block for block in library.drivable}
+    junction_blocks: list[Block] = []
     rejected: list[tuple[str, str]] = []
     for block in library.blocks:
-        for after, lane in _ends(block, known):
+        for after, lane in _ends(block, blocks_by_id):
             try:
-                _check_end(after, known)
+                _check_end(after, blocks_by_id)
                 beside = _beside(block, lane, _onward(block, after))
-                made += _junction(block, after, lane, beside)
+                junction_blocks += _junction(block, after, lane, beside)
             except (_NoPlace, Unusable, NotOneToOne) as error:
                 rejected.append((f"end of {block.block_id} {lane.name}", str(error)))
-    blocks = sorted((*library.blocks, *made), key=lambda block: block.block_id)
+    blocks = sorted((*library.blocks, *junction_blocks), key=lambda block: block.block_id)
     return replace(library, blocks=tuple(blocks), rejected=(*library.rejected, *rejected))

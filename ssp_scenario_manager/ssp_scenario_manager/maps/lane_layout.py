@@ -85,10 +85,10 @@ def _values(cubics: Sequence[Cubic], s: FloatArray, middle_m: float) -> FloatArr
     index = bisect_right(cubics, middle_m, key=_start) - 1
     if index < 0:
         return np.zeros_like(s)
-    chosen = cubics[index]
-    u = s - chosen.s_m
-    found: FloatArray = chosen.a + u * (chosen.b + u * (chosen.c + u * chosen.d))
-    return found
+    cubic = cubics[index]
+    u = s - cubic.s_m
+    values: FloatArray = cubic.a + u * (cubic.b + u * (cubic.c + u * cubic.d))
+    return values
 
 
 def active(
@@ -127,7 +127,7 @@ class LaidLane:
 def laid_out(road: RoadRecord, section: Section, s: FloatArray, middle: float) -> list[LaidLane]:
     """Return the lanes at samples between breaks, from right to left."""
     offset = _values(road.offsets, s, middle)
-    found = []
+    lanes = []
     for sign in (-1, 1):
         border = offset
         side = [lane for lane in section.lanes if lane.id * sign > 0]
@@ -139,9 +139,9 @@ def laid_out(road: RoadRecord, section: Section, s: FloatArray, middle: float) -
             else:
                 width = _values(lane.widths, s, middle)
             width = np.clip(width, 0.0, _WIDEST_M)
-            found.append(LaidLane(lane, border + sign * width / 2.0, width))
+            lanes.append(LaidLane(lane, border + sign * width / 2.0, width))
             border = border + sign * width
-    return sorted(found, key=lambda laid: laid.lane.id)
+    return sorted(lanes, key=lambda laid: laid.lane.id)
 
 
 def _sampled(road: RoadRecord, section: Section, start_m: float, end_m: float) -> list[_Track]:
@@ -212,11 +212,11 @@ def direction_fault(road: RoadRecord) -> str:
     if not against:
         return ""
     ids = {word: sorted(i for i, travel in against if travel == word) for word in words.values()}
-    told = " and ".join(
+    directions = " and ".join(
         f"{word} on lane {', '.join(map(str, some))}" for word, some in ids.items() if some
     )
     return (
-        f"its travelDir is {told}, against the side of the road that the lane lies on; give "
+        f"its travelDir is {directions}, against the side of the road that the lane lies on; give "
         'rule="LHT" for left-hand traffic, or correct the lanes'
     )
 
@@ -272,7 +272,7 @@ def stretches(road: RoadRecord) -> tuple[list[Stretch], list[tuple[float, float,
     Returns:
         Them, in order, and what is no such stretch: (from, to, reason).
     """
-    found: list[Stretch] = []
+    steady_stretches: list[Stretch] = []
     refused: list[tuple[float, float, str]] = []
     for section in road.sections:
         if section.end_m - section.start_m <= 1e-6:
@@ -286,10 +286,10 @@ def stretches(road: RoadRecord) -> tuple[list[Stretch], list[tuple[float, float,
                 merged[-1] = (merged[-1][0], b, joint)
         for a, b, tracks in merged:
             if any(_usable(track) for track in tracks):
-                found.append(Stretch(section, a, b, _slots(road, tracks)))
+                steady_stretches.append(Stretch(section, a, b, _slots(road, tracks)))
             else:
                 refused.append((a, b, _why_unusable(tracks)))
-    return found, refused
+    return steady_stretches, refused
 
 
 def _why_unusable(tracks: list[_Track]) -> str:

@@ -148,7 +148,11 @@ def _straight_part_m(block: Block, most_m: float, most_rad: float, *, back: bool
 
 
 def prolonged(
-    legs: Sequence[Leg], known: Mapping[str, Block], beside: Sequence[BlockLane], *, back: bool
+    legs: Sequence[Leg],
+    blocks_by_id: Mapping[str, Block],
+    beside: Sequence[BlockLane],
+    *,
+    back: bool,
 ) -> Iterator[Leg]:
     """Yield the roads before a route's approach, or beyond its exit, nearest first.
 
@@ -159,7 +163,7 @@ def prolonged(
 
     Args:
         legs: of the route, from the approach to the exit.
-        known: blocks by their ids.
+        blocks_by_id: blocks by their ids.
         beside: lanes beside the route's own.
         back: before the approach; else beyond the exit.
     """
@@ -170,13 +174,13 @@ def prolonged(
         width_m = min(width_m, _UNFLARED_M - _ROUNDING_M)
     limits = [x for one in legs if (x := one.block.speed_limit_mps) is not None]
     limit_mps = min(limits, default=math.inf)
-    taken = {one.block.block_id for one in legs}
+    leg_ids = {one.block.block_id for one in legs}
     room_m, turned_rad = most_m - leg.block.length_m, 0.0
     while room_m > 0.0:
-        found: list[tuple[bool, float, str, Leg]] = []
+        candidates: list[tuple[bool, float, str, Leg]] = []
         for name in leg.block.entrances if back else leg.block.exits:
-            block = known.get(name)
-            if block is None or name in taken or block.junction == legs[1].block.junction:
+            block = blocks_by_id.get(name)
+            if block is None or name in leg_ids or block.junction == legs[1].block.junction:
                 continue
             lane, limit = continued(leg, block, back=back), block.speed_limit_mps
             if lane is None or lane.width_m < width_m:
@@ -192,14 +196,14 @@ def prolonged(
             start_m = block.length_m - part_m if back else 0.0
             onward = Leg(block, lane, start_m, start_m + part_m)
             if part_m > 0.0:
-                found.append((block.shifting, turn_rad, name, onward))
-        if not found:
+                candidates.append((block.shifting, turn_rad, name, onward))
+        if not candidates:
             return
-        _, turn_rad, name, leg = min(found, key=lambda one: one[:3])
+        _, turn_rad, name, leg = min(candidates, key=lambda one: one[:3])
         turned_rad += turn_rad
         if turned_rad >= STRAIGHT_ON_RAD and not ring:
             return
-        taken.add(name)
+        leg_ids.add(name)
         room_m -= leg.end_s_m - leg.start_s_m
         yield leg
         if turned_rad >= STRAIGHT_ON_RAD:
@@ -221,13 +225,13 @@ def _smoothed(places: FloatArray) -> FloatArray:
     """
     s = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))))
     even = np.linspace(0.0, s[-1], max(2, round(s[-1] / _EVEN_STEP_M) + 1))
-    found = np.column_stack([np.interp(even, s, xy) for xy in places.T])
-    made = found.copy()
-    for reach in range(2, min(_MOST_REACH, (len(found) - 1) // 2) + 1):
-        windows = np.lib.stride_tricks.sliding_window_view(found, 2 * reach + 1, axis=0)
+    samples = np.column_stack([np.interp(even, s, xy) for xy in places.T])
+    smooth_places = samples.copy()
+    for reach in range(2, min(_MOST_REACH, (len(samples) - 1) // 2) + 1):
+        windows = np.lib.stride_tricks.sliding_window_view(samples, 2 * reach + 1, axis=0)
         # Near an end the reach is as far as the end.
-        made[reach : len(found) - reach] = windows @ _weights(reach)
-    return made
+        smooth_places[reach : len(samples) - reach] = windows @ _weights(reach)
+    return smooth_places
 
 
 def joined_line(legs: Sequence[Leg], smoothed: bool) -> tuple[ReferenceLine, list[float]]:

@@ -144,12 +144,12 @@ def _rules(road: RoadRecord, stretch: Stretch, along: bool) -> Rules:
     """Return speed limit and lane changes for one direction of travel."""
     own = [slot for slot in stretch.slots if slot.driving and slot.along == along]
     span = stretch.start_m, stretch.end_m
-    found = [speed for _, _, speed in active(road.types, *span, _from)]
+    speeds_mps = [speed for _, _, speed in active(road.types, *span, _from)]
     ids = {slot.id for slot in own}
     for lane in stretch.section.lanes:
         if lane.id in ids:
-            found += [speed for _, speed in active(lane.speeds, *span, _from)]
-    limits = [speed for speed in found if speed is not None]
+            speeds_mps += [speed for _, speed in active(lane.speeds, *span, _from)]
+    limits = [speed for speed in speeds_mps if speed is not None]
     # From right to left as the drivers see it.
     ordered = own if along else own[::-1]
     pairs = list(pairwise(ordered))
@@ -212,17 +212,17 @@ def _way(road: RoadRecord, line: ReferenceLine, stretch: Stretch, zebras: Sequen
     )
 
 
-def _add_road(found: _Map, road: RoadRecord) -> None:
+def _add_road(road_map: _Map, road: RoadRecord) -> None:
     name = f"road {road.id}"
-    found.spans[road.id] = []
-    found.shifting[road.id] = []
-    found.roads[road.id] = road
+    road_map.spans[road.id] = []
+    road_map.shifting[road.id] = []
+    road_map.roads[road.id] = road
     fault = road.fault or direction_fault(road)
     if fault:
-        found.faults.append((name, fault))
+        road_map.faults.append((name, fault))
         return
     steady, refused = stretches(road)
-    found.rejected += [
+    road_map.rejected += [
         (
             name
             if a <= _AT_END_M and b >= road.length_m - _AT_END_M
@@ -232,28 +232,28 @@ def _add_road(found: _Map, road: RoadRecord) -> None:
         for a, b, why in refused
     ]
     if not road.sections:
-        found.rejected.append((name, "it has no lane section"))
+        road_map.rejected.append((name, "it has no lane section"))
     shifting = list(shifting_lanes(road, steady))
     if not steady and not shifting:
         return
     try:
         line = road_line(road)
     except Unusable as error:
-        found.rejected.append((name, str(error)))
+        road_map.rejected.append((name, str(error)))
         return
-    found.lines[road.id] = line
+    road_map.lines[road.id] = line
     zebras = zebras_of(road.crosswalks, line)
     for stretch in steady:
         if min(stretch.end_m, line.length_m) - stretch.start_m <= _AT_END_M:
             continue
         way = _way(road, line, stretch, zebras)
-        found.spans[road.id].append((len(found.ways), stretch.start_m, stretch.end_m))
-        found.ways.append(way)
+        road_map.spans[road.id].append((len(road_map.ways), stretch.start_m, stretch.end_m))
+        road_map.ways.append(way)
     for lane in shifting:
-        _add_lane(found, road, line, lane)
+        _add_lane(road_map, road, line, lane)
 
 
-def _add_lane(found: _Map, road: RoadRecord, line: ReferenceLine, lane: ShiftingLane) -> None:
+def _add_lane(road_map: _Map, road: RoadRecord, line: ReferenceLine, lane: ShiftingLane) -> None:
     """Add a lane that shifts, as a way of its own."""
     low, high = lane.start_m, lane.end_m
     if min(high, line.length_m) - low <= _AT_END_M:
@@ -266,10 +266,10 @@ def _add_lane(found: _Map, road: RoadRecord, line: ReferenceLine, lane: Shifting
     try:
         own = middle_line(road, line, lane)
     except Unusable as error:
-        found.rejected.append((f"road {road.id} {name}", str(error)))
+        road_map.rejected.append((f"road {road.id} {name}", str(error)))
         return
-    found.shifting[road.id].append((len(found.ways), low, high))
-    found.ways.append(
+    road_map.shifting[road.id].append((len(road_map.ways), low, high))
+    road_map.ways.append(
         Way(
             roads=(road.id,),
             span_m=span_m,
@@ -288,24 +288,24 @@ def _add_lane(found: _Map, road: RoadRecord, line: ReferenceLine, lane: Shifting
     )
 
 
-def _way_ends(found: _Map, road_id: str, end: End) -> list[WayEnd]:
+def _way_ends(road_map: _Map, road_id: str, end: End) -> list[WayEnd]:
     """Return the ways that lie at a road's end.
 
     A road of no length, as editors leave them, stands for what follows it.
     """
     passed: set[str] = set()
-    while not found.spans[road_id] and not found.shifting[road_id]:
-        road, beyond = found.roads[road_id], found.roads[road_id].links.get(_OTHER_END[end])
+    while not road_map.spans[road_id] and not road_map.shifting[road_id]:
+        road, beyond = road_map.roads[road_id], road_map.roads[road_id].links.get(_OTHER_END[end])
         if road.length_m > _AT_END_M or beyond is None or beyond.contact is None:
             return []
         passed.add(road_id)
-        if beyond.id not in found.roads or beyond.id in passed or len(passed) > _MOST_PASSED:
+        if beyond.id not in road_map.roads or beyond.id in passed or len(passed) > _MOST_PASSED:
             return []
         road_id, end = beyond.id, beyond.contact
-    last_m = found.roads[road_id].length_m - _AT_END_M
+    last_m = road_map.roads[road_id].length_m - _AT_END_M
     return [
         (index, end)
-        for index, low, high in (*found.spans[road_id], *found.shifting[road_id])
+        for index, low, high in (*road_map.spans[road_id], *road_map.shifting[road_id])
         if (low <= _AT_END_M if end == "start" else high >= last_m)
     ]
 
@@ -324,31 +324,31 @@ def _seams(
                 yield (index, "end"), (other, "start")
 
 
-def _contacts(found: _Map) -> list[tuple[WayEnd, WayEnd]]:
+def _contacts(road_map: _Map) -> list[tuple[WayEnd, WayEnd]]:
     """List the ends of ways that meet: within a road, by links, and by junctions' connections."""
     pairs: list[tuple[WayEnd, WayEnd]] = []
-    for road_id, spans in found.spans.items():
+    for road_id, spans in road_map.spans.items():
         for (i, _, high), (j, low, _) in pairwise(spans):
             if low - high <= _AT_END_M:
                 pairs.append(((i, "end"), (j, "start")))
-        lanes = found.shifting[road_id]
+        lanes = road_map.shifting[road_id]
         if lanes:
             pairs += _seams(lanes, spans)
     at_junction: dict[tuple[str, str], list[End]] = {}
-    for road in found.roads.values():
+    for road in road_map.roads.values():
         for end, link in road.links.items():
             if link.kind == "junction":
                 at_junction.setdefault((road.id, link.id), []).append(end)
-            elif link.id not in found.roads:
-                found.rejected.append(
+            elif link.id not in road_map.roads:
+                road_map.rejected.append(
                     (f"road {road.id} {end}", f"is linked to road {link.id}, which isn't there")
                 )
             elif link.contact is not None:
-                beyond = _way_ends(found, link.id, link.contact)
-                pairs += product(_way_ends(found, road.id, end), beyond)
-    for connection in found.connections:
-        if connection.incoming not in found.roads or connection.to not in found.roads:
-            found.rejected.append(
+                beyond = _way_ends(road_map, link.id, link.contact)
+                pairs += product(_way_ends(road_map, road.id, end), beyond)
+    for connection in road_map.connections:
+        if connection.incoming not in road_map.roads or connection.to not in road_map.roads:
+            road_map.rejected.append(
                 (
                     f"junction {connection.junction}",
                     f"connects road {connection.incoming} to road {connection.to}, and one of them "
@@ -360,8 +360,8 @@ def _contacts(found: _Map) -> list[tuple[WayEnd, WayEnd]]:
         # A road that begins and ends at one junction: its connecting roads say which end they mean.
         if len(ends) == 1:
             pairs += product(
-                _way_ends(found, connection.incoming, ends[0]),
-                _way_ends(found, connection.to, connection.contact),
+                _way_ends(road_map, connection.incoming, ends[0]),
+                _way_ends(road_map, connection.to, connection.contact),
             )
     return pairs
 
@@ -376,36 +376,36 @@ _MEET_SHARE = 0.02
 _MEET_RAD = 0.1
 
 
-def _in_degrees(found: _Map) -> tuple[str, float] | None:
+def _in_degrees(road_map: _Map) -> tuple[str, float] | None:
     """Find the first road with a heading beyond one turn that nothing shows to be in radians.
 
     Headings that are summed up along roads are sound: the next part of the road, or a road that it
     is linked to, then begins where and as the heading says. None: there is no such road.
     """
     beyond: dict[str, float] = {}
-    for road in found.roads.values():
+    for road in road_map.roads.values():
         most = max((shape.heading_rad for shape in road.geometry), key=abs)
         if abs(most) > _ONE_TURN_RAD:
             beyond[road.id] = most
     if not beyond:
         return None
-    shown = {road_id for road_id in beyond if _goes_on(found, found.roads[road_id])}
-    for road in found.roads.values():
+    sound_ids = {road_id for road_id in beyond if _goes_on(road_map, road_map.roads[road_id])}
+    for road in road_map.roads.values():
         for end, link in road.links.items():
-            if {road.id, link.id} & beyond.keys() and _meet(found, road.id, end, link):
-                shown |= {road.id, link.id}
-    return next(((name, most) for name, most in beyond.items() if name not in shown), None)
+            if {road.id, link.id} & beyond.keys() and _meet(road_map, road.id, end, link):
+                sound_ids |= {road.id, link.id}
+    return next(((name, most) for name, most in beyond.items() if name not in sound_ids), None)
 
 
-def _goes_on(found: _Map, road: RoadRecord) -> bool:
+def _goes_on(road_map: _Map, road: RoadRecord) -> bool:
     """Tell whether a road's parts follow one another by their headings in radians."""
     long = [shape for shape in road.geometry if shape.length_m >= _SHORTEST_M]
-    return len(long) > 1 and _line_of(found, road.id) is not None
+    return len(long) > 1 and _line_of(road_map, road.id) is not None
 
 
-def _meet(found: _Map, road_id: str, end: End, link: Link) -> bool:
+def _meet(road_map: _Map, road_id: str, end: End, link: Link) -> bool:
     """Tell whether two linked roads meet by their headings in radians."""
-    mine, other = _line_of(found, road_id), _line_of(found, link.id)
+    mine, other = _line_of(road_map, road_id), _line_of(road_map, link.id)
     if link.kind != "road" or link.contact is None or mine is None or other is None:
         return False
     if min(mine.length_m, other.length_m) < _SHORTEST_M:
@@ -417,11 +417,11 @@ def _meet(found: _Map, road_id: str, end: End, link: Link) -> bool:
     return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) <= near_m and abs(turn) <= _MEET_RAD
 
 
-def _line_of(found: _Map, road_id: str) -> ReferenceLine | None:
-    if road_id not in found.lines and road_id in found.roads:
+def _line_of(road_map: _Map, road_id: str) -> ReferenceLine | None:
+    if road_id not in road_map.lines and road_id in road_map.roads:
         with suppress(Unusable):
-            found.lines[road_id] = road_line(found.roads[road_id])
-    return found.lines.get(road_id)
+            road_map.lines[road_id] = road_line(road_map.roads[road_id])
+    return road_map.lines.get(road_id)
 
 
 def load_opendrive(path: Path, loading: Loading = untold) -> Library:
@@ -430,22 +430,22 @@ def load_opendrive(path: Path, loading: Loading = untold) -> Library:
     Raises:
         InputError: the file can't be read, is no OpenDRIVE, or an element in it is malformed.
     """
-    found = _Map()
+    road_map = _Map()
     for element in parts(path, ROOT, "road", loading):
         try:
             if element.tag == "road":
                 road = read_road(element)
-                if road.id in found.roads:
+                if road.id in road_map.roads:
                     raise BadElement(element, "has the id of another road", "id")
-                _add_road(found, road)
+                _add_road(road_map, road)
             elif element.tag == "junction":
-                found.junctions.add(element.get("id", ""))
-                found.connections += read_junction(element)
+                road_map.junctions.add(element.get("id", ""))
+                road_map.connections += read_junction(element)
         except BadElement as bad:
             raise input_error(path, element, bad) from bad
-    if not found.roads:
+    if not road_map.roads:
         raise InputError("has no road", file=path, remedy="give a map with roads")
-    degrees = _in_degrees(found)
+    degrees = _in_degrees(road_map)
     if degrees is not None:
         raise InputError(
             "is more than one turn, and no road goes on where it then leads",
@@ -454,14 +454,14 @@ def load_opendrive(path: Path, loading: Loading = untold) -> Library:
             value=degrees[1],
             remedy=f"hdg is in radians: {degrees[1]:g} degrees are {math.radians(degrees[1]):.6g}",
         )
-    ways, missing = in_known_junctions(found.ways, found.junctions)
-    made = network_blocks(ways, _contacts(found))
+    ways, missing = in_known_junctions(road_map.ways, road_map.junctions)
+    map_blocks = network_blocks(ways, _contacts(road_map))
     return Library(
         source=path.name,
         sha256=sha256_file(path),
         kind="opendrive",
-        blocks=made.blocks,
-        rejected=tuple(found.rejected + missing + made.rejected),
-        faults=tuple(found.faults),
-        shifting=made.shifting,
+        blocks=map_blocks.blocks,
+        rejected=tuple(road_map.rejected + missing + map_blocks.rejected),
+        faults=tuple(road_map.faults),
+        shifting=map_blocks.shifting,
     )

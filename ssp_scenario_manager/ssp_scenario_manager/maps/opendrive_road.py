@@ -206,8 +206,8 @@ def _word_fault(road: Element) -> str:
     places = [("rule", _RULES, road), *(("direction", _DIRECTIONS, e) for e in road.iter("lane"))]
     for name, words, element in places:
         if _word(element, name, words) not in words:
-            shown = " or ".join(_SPELT.get(word, word) for word in words)
-            return f"{element.get(name)!r} is no {name} of a {element.tag}; write {shown}"
+            choices = " or ".join(_SPELT.get(word, word) for word in words)
+            return f"{element.get(name)!r} is no {name} of a {element.tag}; write {choices}"
     return ""
 
 
@@ -235,8 +235,8 @@ def elevations(road: Element) -> list[Cubic]:
     Raises:
         BadElement: something in it is no number where one belongs.
     """
-    found = [_cubic(e, 0.0, "s") for e in road.iterfind("elevationProfile/elevation")]
-    return sorted(found, key=lambda cubic: cubic.s_m)
+    cubics = [_cubic(e, 0.0, "s") for e in road.iterfind("elevationProfile/elevation")]
+    return sorted(cubics, key=lambda cubic: cubic.s_m)
 
 
 def _speed(element: Element) -> float | None:
@@ -254,9 +254,11 @@ def _unit_fault(road: Element) -> str:
     for element in (*road.iterfind("type/speed"), *road.iterfind("lanes/laneSection/*/lane/speed")):
         unit = element.get("unit", "m/s")
         if unit not in _SPEED_UNITS:
-            meant = _MEANT.get(unit.strip().lower().replace(" ", ""))
+            likely_unit = _MEANT.get(unit.strip().lower().replace(" ", ""))
             units = ", ".join(_SPEED_UNITS)
-            remedy = f"write {meant}, which is meant" if meant else f"write one of {units}"
+            remedy = (
+                f"write {likely_unit}, which is meant" if likely_unit else f"write one of {units}"
+            )
             return f"{unit[:40]!r} is no unit of speed in OpenDRIVE; {remedy}"
     return ""
 
@@ -286,7 +288,7 @@ def _geometry(element: Element) -> Geometry:
 
 
 def _marks(lane: Element, base_m: float) -> tuple[Mark, ...]:
-    found = [
+    marks = [
         Mark(
             base_m + number(mark, "sOffset", 0.0, high=LONGEST_ROAD_M),
             text(mark, "type", "none"),
@@ -294,7 +296,7 @@ def _marks(lane: Element, base_m: float) -> tuple[Mark, ...]:
         )
         for mark in lane.findall("roadMark")
     ]
-    return tuple(sorted(found, key=lambda mark: mark.s_m))
+    return tuple(sorted(marks, key=lambda mark: mark.s_m))
 
 
 def _closed(lane: Element, base_m: float) -> tuple[tuple[float, bool], ...]:
@@ -333,8 +335,8 @@ def _travel(lane: Element) -> str:
 def _lane(element: Element, base_m: float) -> LaneRecord:
     cubics = {}
     for tag in ("width", "border"):
-        found = [_cubic(child, base_m, "sOffset") for child in element.findall(tag)]
-        cubics[tag] = tuple(sorted(found, key=lambda cubic: cubic.s_m))
+        pieces = [_cubic(child, base_m, "sOffset") for child in element.findall(tag)]
+        cubics[tag] = tuple(sorted(pieces, key=lambda cubic: cubic.s_m))
     speeds = [
         (base_m + number(child, "sOffset", 0.0, high=LONGEST_ROAD_M), _speed(child))
         for child in element.findall("speed")
@@ -367,8 +369,8 @@ def _section(element: Element, start_m: float, end_m: float, before: Section | N
                     raise BadElement(child, f"stands on the {side}", "id")
                 lanes.append(lane)
     if before is not None and element.get("singleSide") in ("true", "1"):
-        told = {lane.id > 0 for lane in lanes}
-        lanes += [lane for lane in before.lanes if (lane.id > 0) not in told]
+        own_sides = {lane.id > 0 for lane in lanes}
+        lanes += [lane for lane in before.lanes if (lane.id > 0) not in own_sides]
         centre = centre or before.centre_marks
     lanes.sort(key=lambda lane: -lane.id)
     ids = [lane.id for lane in lanes]
@@ -391,15 +393,15 @@ def _sections(lanes: Element, length_m: float) -> tuple[Section, ...]:
     if not elements:
         return ()
     ends = [s for _, s in starts[1:]] + [length_m]
-    found: list[Section] = []
+    sections: list[Section] = []
     for (element, start), end in zip(starts, ends, strict=True):
-        before = found[-1] if found else None
-        found.append(_section(element, start, min(end, length_m), before))
-    return tuple(found)
+        before = sections[-1] if sections else None
+        sections.append(_section(element, start, min(end, length_m), before))
+    return tuple(sections)
 
 
 def _links(road: Element) -> dict[End, Link]:
-    found: dict[End, Link] = {}
+    links: dict[End, Link] = {}
     link = road.find("link")
     ends: tuple[tuple[str, End], ...] = (("predecessor", "start"), ("successor", "end"))
     for tag, end in ends:
@@ -408,12 +410,12 @@ def _links(road: Element) -> dict[End, Link]:
             continue
         kind = text(child, "elementType", "road")
         if kind == "road":
-            found[end] = Link("road", text(child, "elementId"), _end(child))
+            links[end] = Link("road", text(child, "elementId"), _end(child))
         elif kind == "junction":
-            found[end] = Link("junction", text(child, "elementId"), None)
+            links[end] = Link("junction", text(child, "elementId"), None)
         else:
             raise BadElement(child, "is unknown", "elementType", "road or junction")
-    return found
+    return links
 
 
 def read_road(road: Element) -> RoadRecord:
@@ -464,7 +466,7 @@ def read_junction(junction: Element) -> list[Connection]:
     Raises:
         BadElement: one names no roads.
     """
-    found = []
+    connections = []
     for element in junction.findall("connection"):
         to = element.get("connectingRoad") or element.get("linkedRoad")
         incoming = element.get("incomingRoad")
@@ -472,5 +474,5 @@ def read_junction(junction: Element) -> list[Connection]:
             if element.get("type") == "virtual":
                 continue
             raise BadElement(element, "has no attribute 'incomingRoad' or no 'connectingRoad'")
-        found.append(Connection(text(junction, "id"), incoming, to, _end(element) or "start"))
-    return found
+        connections.append(Connection(text(junction, "id"), incoming, to, _end(element) or "start"))
+    return connections

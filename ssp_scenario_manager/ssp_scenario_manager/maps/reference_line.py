@@ -55,7 +55,7 @@ def _clothoid(start: Pose2, end: Pose2) -> CurvePiece:
     if not 1e-9 < distance < 1e6:
         raise Unusable(f"two places {distance:g} m apart can't be joined by a curve")
     # Around the origin, where the solver loses no digits.
-    found = Clothoid.G1Hermite(
+    clothoid = Clothoid.G1Hermite(
         0.0,
         0.0,
         start.yaw_rad,
@@ -63,8 +63,8 @@ def _clothoid(start: Pose2, end: Pose2) -> CurvePiece:
         end.y_m - start.y_m,
         start.yaw_rad + wrap_angle(end.yaw_rad - start.yaw_rad),
     )
-    numbers = (found.length, found.KappaStart, found.KappaEnd)
-    if not all(map(math.isfinite, numbers)) or not 0.0 < found.length < 10.0 * distance:
+    numbers = (clothoid.length, clothoid.KappaStart, clothoid.KappaEnd)
+    if not all(map(math.isfinite, numbers)) or not 0.0 < clothoid.length < 10.0 * distance:
         raise Unusable("no clothoid joins two neighbouring places of the curve")
     return piece(*numbers)
 
@@ -215,11 +215,11 @@ _SMALLEST_TURN_RAD = 1e-7
 
 
 def _distinct(points: Sequence[Point]) -> list[Point]:
-    kept: list[Point] = []
+    distinct_points: list[Point] = []
     for point in points:
-        if not kept or math.dist(point, kept[-1]) > _SAME_M:
-            kept.append(point)
-    return kept
+        if not distinct_points or math.dist(point, distinct_points[-1]) > _SAME_M:
+            distinct_points.append(point)
+    return distinct_points
 
 
 def smooth_line(points: Sequence[Point]) -> ReferenceLine:
@@ -239,7 +239,7 @@ def smooth_line(points: Sequence[Point]) -> ReferenceLine:
     sides = [math.dist(a, b) for a, b in pairwise(places)]
     yaws = [math.atan2(b[1] - a[1], b[0] - a[0]) for a, b in pairwise(places)]
     pieces: list[CurvePiece] = []
-    done = 0.0
+    reach_before = 0.0
     for i, (before, after) in enumerate(pairwise(yaws)):
         turn = wrap_angle(after - before)
         if abs(turn) > _SHARPEST_RAD:
@@ -250,7 +250,7 @@ def smooth_line(points: Sequence[Point]) -> ReferenceLine:
         else:
             # An arc that begins t before a corner of angle a cuts it by t tan(a / 4).
             reach = min(0.5 * min(sides[i], sides[i + 1]), CORNER_CUT_M / math.tan(abs(turn) / 4))
-        ahead = sides[i] - done - reach
+        ahead = sides[i] - reach_before - reach
         if ahead > _SMALLEST_TURN_RAD:
             pieces.append(piece(ahead))
         if reach > 0.0:
@@ -259,8 +259,8 @@ def smooth_line(points: Sequence[Point]) -> ReferenceLine:
                 x, y = places[i + 1]
                 raise Unusable(f"bends by {k:.0f} 1/m at ({x:g}, {y:g})")
             pieces.append(piece(turn / k, k))
-        done = reach
-    last = sides[-1] - done
+        reach_before = reach
+    last = sides[-1] - reach_before
     if last > _SMALLEST_TURN_RAD:
         pieces.append(piece(last))
     try:

@@ -48,31 +48,33 @@ def _seam_rad(before: Block, after: Block) -> float:
     return -turn if after.left_hand else turn
 
 
-def _onward(block: Block, known: Mapping[str, Block]) -> list[Block]:
+def _onward(block: Block, blocks_by_id: Mapping[str, Block]) -> list[Block]:
     """Return the blocks that keep most to the side of the ring, up to the next road.
 
     What leaves a ring turns away from it, at the latest where its connecting roads end.
     """
-    found: list[tuple[float, list[Block]]] = []
+    chains: list[tuple[float, list[Block]]] = []
     for name in block.exits:
         chain, turned_rad = [block], 0.0
-        while name in known and known[name] not in chain and len(chain) <= _MOST_BLOCKS:
-            turned_rad += _seam_rad(chain[-1], known[name]) + _turn_rad(known[name])
-            chain.append(known[name])
+        while (
+            name in blocks_by_id and blocks_by_id[name] not in chain and len(chain) <= _MOST_BLOCKS
+        ):
+            turned_rad += _seam_rad(chain[-1], blocks_by_id[name]) + _turn_rad(blocks_by_id[name])
+            chain.append(blocks_by_id[name])
             if chain[-1].junction is None or len(chain[-1].exits) != 1:
                 break
             name = chain[-1].exits[0]
-        found.append((turned_rad, chain[1:]))
-    return max(found, key=lambda one: one[0], default=(0.0, []))[1]
+        chains.append((turned_rad, chain[1:]))
+    return max(chains, key=lambda one: one[0], default=(0.0, []))[1]
 
 
 def _closed_ways(blocks: Sequence[Block]) -> Iterator[tuple[Block, ...]]:
     """Yield the ways along blocks that come back to where they began after one turn."""
-    known = {one.block_id: one for one in blocks}
+    blocks_by_id = {one.block_id: one for one in blocks}
     for first in blocks:
         way, length_m, turned_rad = [first], first.length_m, _turn_rad(first)
         while first.junction is None and length_m <= 2.0 * math.pi * MOST_RADIUS_M:
-            onward = _onward(way[-1], known)
+            onward = _onward(way[-1], blocks_by_id)
             after = onward[: onward.index(first)] if first in onward else onward
             for one in after:
                 turned_rad += _seam_rad(way[-1], one) + _turn_rad(one)

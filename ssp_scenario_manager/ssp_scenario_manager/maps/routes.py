@@ -97,13 +97,13 @@ class _Effort:
 
 
 def _follow(
-    chain: list[tuple[Block, BlockLane]], known: dict[str, Block], effort: _Effort
+    chain: list[tuple[Block, BlockLane]], blocks_by_id: dict[str, Block], effort: _Effort
 ) -> Iterator[list[Leg]]:
     """Yield the ways on from the end of a chain of lanes, whose first is the approach."""
     block, lane = chain[-1]
     effort.step(block.junction or "")
     for name in block.exits:
-        after = known.get(name)
+        after = blocks_by_id.get(name)
         if after is None:
             continue
         if (block.junction or "") in effort.full:
@@ -114,7 +114,7 @@ def _follow(
             if after.junction == block.junction:
                 most = _MOST_VIA_RING if is_ring(block.junction) else _MOST_VIA
                 if len(chain) <= most and all(one is not after for one, _ in chain):
-                    yield from _follow([*chain, (after, other)], known, effort)
+                    yield from _follow([*chain, (after, other)], blocks_by_id, effort)
                 continue
             (first, entry), *inside = chain
             yield [
@@ -126,17 +126,17 @@ def _follow(
 
 def _chains(blocks: Sequence[Block], junction: str | None, effort: _Effort) -> Iterator[list[Leg]]:
     """Yield the lanes of each route, from the approach to the exit."""
-    known = {block.block_id: block for block in blocks}
+    blocks_by_id = {block.block_id: block for block in blocks}
     for block in blocks:
         if block.junction is None or junction not in (None, block.junction):
             continue
         for name in block.entrances:
-            before = known.get(name)
+            before = blocks_by_id.get(name)
             if before is None or before.junction == block.junction:
                 continue
             for apart_m, one, other in lane_pairs(before, block):
                 if apart_m <= LANES_MEET_M:
-                    yield from _follow([(before, one), (block, other)], known, effort)
+                    yield from _follow([(before, one), (block, other)], blocks_by_id, effort)
 
 
 def _sharpest(line: ReferenceLine) -> FloatArray:
@@ -147,7 +147,7 @@ def _sharpest(line: ReferenceLine) -> FloatArray:
 
 
 def _with_roads_beyond(
-    legs: Sequence[Leg], known: Mapping[str, Block], beside: Sequence[BlockLane]
+    legs: Sequence[Leg], blocks_by_id: Mapping[str, Block], beside: Sequence[BlockLane]
 ) -> tuple[list[Leg], list[Leg]]:
     """Return roads before and beyond a route, by which it bends no more than without them.
 
@@ -161,11 +161,11 @@ def _with_roads_beyond(
     most = np.maximum(_sharpest(joined_line(legs, ring)[0]), _LEAST_BENDS_1PM) + same
     before: list[Leg] = []
     after: list[Leg] = []
-    for leg in prolonged(legs, known, beside, back=True):
+    for leg in prolonged(legs, blocks_by_id, beside, back=True):
         if not _bends_less([leg, *before, *legs], most, ring):
             break
         before.insert(0, leg)
-    for leg in prolonged(legs, known, beside, back=False):
+    for leg in prolonged(legs, blocks_by_id, beside, back=False):
         if not _bends_less([*legs, *after, leg], most, ring):
             break
         after.append(leg)
@@ -186,7 +186,7 @@ def _if_same(straight: bool, first: Boundary, last: Boundary) -> Boundary:
 def _shared(
     leg: Leg,
     roads: Sequence[Leg],
-    known: Mapping[str, Block],
+    blocks_by_id: Mapping[str, Block],
     junction: str | None,
     *,
     back: bool,
@@ -196,11 +196,11 @@ def _shared(
     Args:
         leg: approach or exit.
         roads: of the route before or beyond it, nearest first.
-        known: blocks by their ids.
+        blocks_by_id: blocks by their ids.
         junction: that the route leads through.
         back: it is the approach.
     """
-    arm = arm_of(leg.block, leg.lane, known, junction, back=back)
+    arm = arm_of(leg.block, leg.lane, blocks_by_id, junction, back=back)
     count = 0
     for own, its in zip(roads, arm.legs[1:], strict=False):
         if own.block is not its.block or own.lane != its.lane:
@@ -216,7 +216,7 @@ def _arms_s_m(
     before: Sequence[Leg],
     after: Sequence[Leg],
     ends_m: Sequence[float],
-    known: Mapping[str, Block],
+    blocks_by_id: Mapping[str, Block],
 ) -> tuple[float, float]:
     """Return between which arc lengths a route is on the arms of its junction, or in it.
 
@@ -225,21 +225,21 @@ def _arms_s_m(
         before: roads before it, the farthest first.
         after: roads beyond it, the nearest first.
         ends_m: arc length at which each of all of these ends.
-        known: blocks by their ids.
+        blocks_by_id: blocks by their ids.
     """
     start_m, end_m = -math.inf, math.inf
     edges_m, first = [0.0, *ends_m], len(before)
     last, junction = first + len(legs), legs[1].block.junction
     if before:
-        count, long_m = _shared(legs[0], before[::-1], known, junction, back=True)
+        count, long_m = _shared(legs[0], before[::-1], blocks_by_id, junction, back=True)
         start_m = min(edges_m[first], max(edges_m[first - count], edges_m[first + 1] - long_m))
     if after:
-        count, long_m = _shared(legs[-1], after, known, junction, back=False)
+        count, long_m = _shared(legs[-1], after, blocks_by_id, junction, back=False)
         end_m = max(edges_m[last], min(edges_m[last + count], edges_m[last - 1] + long_m))
     return start_m, end_m
 
 
-def _route(legs: Sequence[Leg], known: Mapping[str, Block]) -> Block:
+def _route(legs: Sequence[Leg], blocks_by_id: Mapping[str, Block]) -> Block:
     """Return the block of a route, without its conflicts.
 
     Raises:
@@ -254,7 +254,7 @@ def _route(legs: Sequence[Leg], known: Mapping[str, Block]) -> Block:
     )
     straight = abs(turn_rad) < STRAIGHT_ON_RAD
     beside = lanes_beside(first, last) if straight else []
-    before, after = _with_roads_beyond(legs, known, beside)
+    before, after = _with_roads_beyond(legs, blocks_by_id, beside)
     line, ends = joined_line([*before, *legs, *after], is_ring(junction))
     width_m = min(leg.lane.width_m for leg in (*before, *legs, *after))
     own = BlockLane(0.0, width_m, forward=True, name=first.lane.name)
@@ -283,7 +283,7 @@ def _route(legs: Sequence[Leg], known: Mapping[str, Block]) -> Block:
             start_s_m=ends[enters],
             end_s_m=ends[enters + len(inside)],
             turn_rad=turn_rad,
-            arms_s_m=_arms_s_m(legs, before, after, ends, known),
+            arms_s_m=_arms_s_m(legs, before, after, ends, blocks_by_id),
         ),
     )
 
@@ -374,13 +374,13 @@ def _meeting(one: Block, other: Block, a: _Track, b: _Track) -> tuple[Conflict, 
     else:
         return None
     angle = wrap_angle(other.line.pose(at[1]).yaw_rad - one.line.pose(at[0]).yaw_rad)
-    found = []
+    conflicts = []
     for mine, track, hit, s, far_s, route, turn in (
         (one, a, near.any(axis=1), at[0], at[1], other, angle),
         (other, b, near.any(axis=0), at[1], at[0], one, -angle),
     ):
         low, high = _run(hit, int(np.abs(track.s_m - s).argmin()))
-        found.append(
+        conflicts.append(
             Conflict(
                 route=route.block_id,
                 kind="merge" if merging else "crossing",
@@ -393,10 +393,10 @@ def _meeting(one: Block, other: Block, a: _Track, b: _Track) -> tuple[Conflict, 
                 else min(float(track.s_m[-1]), float(track.s_m[high]) + 0.5 * _STEP_M),
             )
         )
-    return found[0], found[1]
+    return conflicts[0], conflicts[1]
 
 
-def _with_conflicts(routes: Sequence[Block], known: Mapping[str, Block]) -> list[Block]:
+def _with_conflicts(routes: Sequence[Block], blocks_by_id: Mapping[str, Block]) -> list[Block]:
     """Return the routes of one junction with their conflicts.
 
     Those of one approach only part, unless two of its lanes go on in one. A lane may be read twice,
@@ -404,37 +404,37 @@ def _with_conflicts(routes: Sequence[Block], known: Mapping[str, Block]) -> list
 
     Args:
         routes: of the junction.
-        known: blocks by their ids.
+        blocks_by_id: blocks by their ids.
     """
     tracks = [_Track.of(route) for route in routes]
-    found: list[list[Conflict]] = [[] for _ in routes]
+    route_conflicts: list[list[Conflict]] = [[] for _ in routes]
     for i, j in combinations(range(len(routes)), 2):
         one, other = routes[i], routes[j]
         of_one_approach = one.entrances == other.entrances
         if of_one_approach and (one.exits != other.exits or _own_lane(one) == _own_lane(other)):
             continue
-        over = [known[route.entrances[0]].roads for route in (one, other)]
+        over = [blocks_by_id[route.entrances[0]].roads for route in (one, other)]
         if over[0] == over[1] and _come_in_one_lane(tracks[i], tracks[j]):
             continue
         pair = _meeting(one, other, tracks[i], tracks[j])
         if pair is not None and not (of_one_approach and pair[0].kind == "crossing"):
-            found[i].append(pair[0])
-            found[j].append(pair[1])
-    made = []
-    for route, conflicts in zip(routes, found, strict=True):
+            route_conflicts[i].append(pair[0])
+            route_conflicts[j].append(pair[1])
+    blocks = []
+    for route, conflicts in zip(routes, route_conflicts, strict=True):
         if route.passage is None:
             continue
         ordered = tuple(sorted(conflicts, key=lambda one: (one.s_m, one.route)))
         areas = [ConflictArea(one.kind, one.start_s_m, one.end_s_m) for one in ordered]
         areas += conflict_areas(route.length_m, route.lanes, route.permitted)
-        made.append(
+        blocks.append(
             replace(
                 route,
                 conflict_areas=tuple(sorted(areas, key=lambda x: (x.kind, x.start_s_m, x.end_s_m))),
                 passage=replace(route.passage, conflicts=ordered),
             )
         )
-    return made
+    return blocks
 
 
 def routes_of(
@@ -448,12 +448,12 @@ def routes_of(
     """
     by_junction: dict[str, dict[str, Block]] = {}
     refused = []
-    known = {block.block_id: block for block in library.drivable}
+    blocks_by_id = {block.block_id: block for block in library.drivable}
     effort = _Effort()
     for legs in _chains(library.drivable, junction, effort):
         inner = legs[1].block
         try:
-            route = _route(legs, known)
+            route = _route(legs, blocks_by_id)
         except Unusable as error:
             refused.append((f"route over {inner.block_id} {legs[1].lane.name}", str(error)))
             continue
@@ -472,12 +472,14 @@ def routes_of(
         and block.junction not in effort.full
         and block.block_id not in led
     ]
-    found: list[Block] = []
+    route_blocks: list[Block] = []
     refused += [(f"junction {name}", why) for name, why in sorted(effort.full.items())]
     for name, routes in sorted(by_junction.items()):
         if name not in effort.full:
-            found += _with_conflicts([route for _, route in sorted(routes.items())], known)
-    return found, refused
+            route_blocks += _with_conflicts(
+                [route for _, route in sorted(routes.items())], blocks_by_id
+            )
+    return route_blocks, refused
 
 
 def with_routes(library: Library) -> Library:

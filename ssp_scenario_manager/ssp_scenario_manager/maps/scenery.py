@@ -44,19 +44,19 @@ def read_scenery(road: Element, *, left_hand: bool) -> tuple[tuple[SceneryItem, 
     Raises:
         BadElement: something in it is no number where one belongs, or there is too much of it.
     """
-    found: list[SceneryItem] = []
+    items: list[SceneryItem] = []
     unusable = 0
     for element in (*road.findall("objects/object"), *road.findall("signals/signal")):
         try:
             if element.tag == "object":
-                found += _objects(element)
+                items += _objects(element)
             else:
-                found += _signal(element, left_hand=left_hand)
+                items += _signal(element, left_hand=left_hand)
         except (_Unusable, ValidationError):
             unusable += 1
-        if len(found) > MOST_OF_ROAD:
+        if len(items) > MOST_OF_ROAD:
             raise _too_many(element)
-    return tuple(found), unusable
+    return tuple(items), unusable
 
 
 def _too_many(element: Element) -> BadElement:
@@ -169,14 +169,14 @@ def _places(element: Element) -> Iterator[Place]:
     if not repeats:
         yield own
         return
-    made = 0.0
+    place_count = 0.0
     for repeat in repeats:
         length = number(repeat, "length", low=0.0, high=_LONGEST_M)
         distance = number(repeat, "distance", low=0.0, high=_LONGEST_M)
         if distance <= 0.0:
             raise _Unusable  # it goes on without a gap, as a wall
-        made += length / distance + 1.0
-        if made > MOST_OF_ROAD:
+        place_count += length / distance + 1.0
+        if place_count > MOST_OF_ROAD:
             raise _too_many(repeat)
         s = number(repeat, "s", own[0])
         first = number(repeat, "tStart", own[1])

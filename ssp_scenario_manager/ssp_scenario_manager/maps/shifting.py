@@ -58,21 +58,21 @@ def shifting_lanes(road: RoadRecord, steady: Sequence[Stretch]) -> Iterator[Shif
         road: that they are of.
         steady: its stretches.
     """
-    held: dict[tuple[float, int], list[tuple[float, float]]] = {}
+    steady_spans: dict[tuple[float, int], list[tuple[float, float]]] = {}
     for stretch in steady:
         for slot in stretch.slots:
             if slot.driving:
-                spans = held.setdefault((stretch.section.start_m, slot.id), [])
+                spans = steady_spans.setdefault((stretch.section.start_m, slot.id), [])
                 spans.append((stretch.start_m, stretch.end_m))
     for section in road.sections:
         lanes = [lane for lane in section.lanes if lane.type in DRIVING]
         whole = [(section.start_m, section.end_m)]
-        if all(held.get((section.start_m, lane.id)) == whole for lane in lanes):
+        if all(steady_spans.get((section.start_m, lane.id)) == whole for lane in lanes):
             continue
         widths: dict[float, dict[int, float]] = {}
         steps = [(a, b) for a, b in pairwise(breaks(road, section)) if b - a > _SHORTEST_M]
         for lane in lanes:
-            spans = held.get((section.start_m, lane.id), [])
+            spans = steady_spans.get((section.start_m, lane.id), [])
             starts = [low for low, _ in spans]
             run: list[tuple[float, float, float]] = []
             for a, b in [*steps, (math.inf, math.inf)]:

@@ -201,9 +201,9 @@ def find_shipped(name_or_path: str, kind: Literal["site", "event"]) -> Path:
         # An empty name is that of the folder here.
         if path.name != name_or_path or (name_or_path and path.exists()):
             return path
-    known = ", ".join(sorted(p.name.split(".")[0] for p in (LIBRARY / f"{kind}s").glob("*.yaml")))
+    names = ", ".join(sorted(p.name.split(".")[0] for p in (LIBRARY / f"{kind}s").glob("*.yaml")))
     raise InputError(
-        f"no such {kind}", value=name_or_path, remedy=f"name one of {known}, or give a file"
+        f"no such {kind}", value=name_or_path, remedy=f"name one of {names}, or give a file"
     )
 
 
@@ -268,17 +268,17 @@ def _check_sides(block: SiteBlock, field: str) -> Iterator[InputError]:
 def _check_traffic(
     site: Site, block: SiteBlock, line: ReferenceLine, field: str
 ) -> Iterator[InputError]:
-    seen: set[str] = set()
+    vehicle_ids: set[str] = set()
     for i, vehicle in enumerate(block.traffic):
         here = f"{field}.traffic[{i}]"
-        if vehicle.id in seen:
+        if vehicle.id in vehicle_ids:
             yield InputError(
                 "stands twice",
                 field=f"{here}.id",
                 value=vehicle.id,
                 remedy="give each vehicle an id of its own",
             )
-        seen.add(vehicle.id)
+        vehicle_ids.add(vehicle.id)
         if vehicle.object_class == "pedestrian":
             yield InputError(
                 "can't be traffic",
@@ -360,14 +360,14 @@ def _check_block(site: Site, index: int) -> Iterator[InputError]:
         )
     yield from _check_lanes(block, field)
     yield from _check_sides(block, field)
-    known = [other.id for other in site.blocks]
+    block_ids = [other.id for other in site.blocks]
     for i, name in enumerate(block.leads_to):
-        if name not in known:
+        if name not in block_ids:
             yield InputError(
                 "is no block of this site",
                 field=f"{field}.leads_to[{i}]",
                 value=name,
-                remedy=f"its blocks are {', '.join(known)}",
+                remedy=f"its blocks are {', '.join(block_ids)}",
             )
     try:
         line = site_line(block, field)
@@ -431,11 +431,11 @@ def _unlinked(block: SiteBlock, field: str) -> Block:
         InputError: its pieces make no line.
     """
     line = site_line(block, field)
-    named = (
+    site_lanes = (
         BlockLane(lane.y_m, lane.width_m, lane.direction == "forward", f"lanes[{i}]")
         for i, lane in enumerate(block.lanes)
     )
-    lanes = tuple(sorted(named, key=lambda lane: lane.y_m))
+    lanes = tuple(sorted(site_lanes, key=lambda lane: lane.y_m))
     permitted = frozenset[str](block.permitted)
     marked = () if block.crossing_x_m is None else (block.crossing_x_m,)
     areas: tuple[ConflictArea, ...] = ()

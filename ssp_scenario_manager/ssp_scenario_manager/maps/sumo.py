@@ -88,7 +88,7 @@ def _shape(lane: Element) -> tuple[Point, ...]:
     words = text(lane, "shape").split()
     if not 2 <= len(words) <= _MOST_POINTS:
         raise BadElement(lane, f"has {len(words)} points", "shape", f"give 2 to {_MOST_POINTS}")
-    found = []
+    points = []
     for word in words:
         try:
             x, y = (decimal(part) for part in word.split(",")[:2])
@@ -96,8 +96,8 @@ def _shape(lane: Element) -> tuple[Point, ...]:
             raise BadElement(lane, f"has no point in {word[:40]!r}", "shape", "x,y") from None
         if not (math.isfinite(x) and math.isfinite(y) and max(abs(x), abs(y)) <= FARTHEST_M):
             raise BadElement(lane, f"is out of bounds at {word[:40]!r}", "shape")
-        found.append((x, y))
-    return tuple(found)
+        points.append((x, y))
+    return tuple(points)
 
 
 def _allows(lane: Element, vehicle: str) -> bool:
@@ -212,17 +212,17 @@ def _beside(
         along: they lead along the line.
         middle: the lane of the edge that the line was made from, if one.
     """
-    found = [WayLane(_lane_name(edge, middle), 0.0, middle.width_m, along)] if middle else []
+    way_lanes = [WayLane(_lane_name(edge, middle), 0.0, middle.width_m, along)] if middle else []
     lanes = [lane for lane in _usable(edge) if lane is not middle]
     if not lanes:
-        return found
+        return way_lanes
     offsets = line.to_local_many(np.array([point for lane in lanes for point in lane.shape]))[:, 1]
     ends = np.cumsum([len(lane.shape) for lane in lanes])[:-1]
     for lane, own in zip(lanes, np.split(offsets, ends), strict=True):
         if np.isnan(own).any() or np.ptp(own) > _PARALLEL_M:
             return None
-        found.append(WayLane(_lane_name(edge, lane), float(own.mean()), lane.width_m, along))
-    return found
+        way_lanes.append(WayLane(_lane_name(edge, lane), float(own.mean()), lane.width_m, along))
+    return way_lanes
 
 
 def _lane_name(edge: Edge, lane: EdgeLane) -> str:
@@ -369,15 +369,15 @@ def _lane_ways(edge: Edge, net: _Net, beside: Way | None = None) -> list[Way]:
         net: gets the reasons of the others.
         beside: the edge's way; a lane that begins and ends where it does there needs none.
     """
-    found = []
+    ways = []
     for lane in _usable(edge):
         if beside is not None and _meets(lane, edge, beside):
             continue
         try:
-            found.append(_lane_way(edge, lane, net.left_hand))
+            ways.append(_lane_way(edge, lane, net.left_hand))
         except Unusable as error:
             net.rejected.append((f"edge {edge.id} lane {_lane_name(edge, lane)}", str(error)))
-    return found
+    return ways
 
 
 def _meets(lane: EdgeLane, edge: Edge, way: Way) -> bool:
@@ -425,11 +425,11 @@ def load_sumo_net(path: Path, loading: Loading = untold) -> Library:
             way = _way(edge, [other for other in back if other is not edge], net.left_hand)
         except Unusable as error:
             net.rejected.append((f"edge {edge.id}", str(error)))
-            found = _lane_ways(edge, net) if isinstance(error, _NotParallel) else []
+            edge_ways = _lane_ways(edge, net) if isinstance(error, _NotParallel) else []
         else:
-            found = [way, *_lane_ways(edge, net, beside=way)]
-        index[edge.id] = list(range(len(ways), len(ways) + len(found)))
-        ways += found
+            edge_ways = [way, *_lane_ways(edge, net, beside=way)]
+        index[edge.id] = list(range(len(ways), len(ways) + len(edge_ways)))
+        ways += edge_ways
     contacts: list[tuple[WayEnd, WayEnd]] = [
         ((i, "end"), (j, "start"))
         for start, end in sorted(net.connections)
@@ -437,12 +437,12 @@ def load_sumo_net(path: Path, loading: Loading = untold) -> Library:
         for j in index.get(end, ())
     ]
     ways, missing = in_known_junctions(ways, net.junctions)
-    made = network_blocks(ways, contacts)
+    map_blocks = network_blocks(ways, contacts)
     return Library(
         source=path.name,
         sha256=sha256_file(path),
         kind="sumo",
-        blocks=made.blocks,
-        rejected=tuple(net.rejected + missing + made.rejected),
-        shifting=made.shifting,
+        blocks=map_blocks.blocks,
+        rejected=tuple(net.rejected + missing + map_blocks.rejected),
+        shifting=map_blocks.shifting,
     )

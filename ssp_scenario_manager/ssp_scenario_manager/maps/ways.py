@@ -182,8 +182,8 @@ def joined(a: Way, b: Way) -> Way | None:
     ):
         return None
     line = ReferenceLine(a.line.origin, [*a.line.pieces, *b.line.pieces])
-    goal, wanted = line.pose(length), b.line.pose(b.line.length_m)
-    if math.hypot(goal.x_m - wanted.x_m, goal.y_m - wanted.y_m) > _DRIFT_M:
+    goal, target = line.pose(length), b.line.pose(b.line.length_m)
+    if math.hypot(goal.x_m - target.x_m, goal.y_m - target.y_m) > _DRIFT_M:
         return None
     turns = headings(line, np.cumsum([0.0, *(piece.length_m for piece in line.pieces)]))
     if float(turns.max() - turns.min()) > _MOST_TURN_RAD:
@@ -237,38 +237,38 @@ def _joined_ways(
             for found_meets in (all_meets,) if single else (all_meets, meets):
                 found_meets.setdefault(a, set()).add(b)
                 found_meets.setdefault(b, set()).add(a)
-    taken: set[int] = set()
-    made: list[Way] = []
+    joined_indices: set[int] = set()
+    joined_ways: list[Way] = []
     place: dict[WayEnd, WayEnd] = {}
     for i, first in enumerate(ways):
-        if i in taken:
+        if i in joined_indices:
             continue
-        taken.add(i)
+        joined_indices.add(i)
         way = first
         outer: dict[End, WayEnd] = {"start": (i, "start"), "end": (i, "end")}
         for side in _SIDES:
             while True:
-                found = meets.get(outer[side], set())
-                if len(found) != 1:
+                partners = meets.get(outer[side], set())
+                if len(partners) != 1:
                     break
-                (j, end) = next(iter(found))
-                if j in taken or len(meets[(j, end)]) != 1:
+                (j, end) = next(iter(partners))
+                if j in joined_indices or len(meets[(j, end)]) != 1:
                     break
                 follows = ways[j] if (end == "start") == (side == "end") else ways[j].reversed()
                 longer = joined(way, follows) if side == "end" else joined(follows, way)
                 if longer is None:
                     break
                 way = longer
-                taken.add(j)
+                joined_indices.add(j)
                 outer[side] = (j, "end" if end == "start" else "start")
         for side in _SIDES:
-            place[outer[side]] = (len(made), side)
-        made.append(way)
-    kept: dict[WayEnd, tuple[WayEnd, ...]] = {}
+            place[outer[side]] = (len(joined_ways), side)
+        joined_ways.append(way)
+    way_meets: dict[WayEnd, tuple[WayEnd, ...]] = {}
     for old, new in place.items():
-        found = {place[other] for other in all_meets.get(old, set()) if other in place}
-        kept[new] = tuple(sorted(found))
-    return made, kept
+        partners = {place[other] for other in all_meets.get(old, set()) if other in place}
+        way_meets[new] = tuple(sorted(partners))
+    return joined_ways, way_meets
 
 
 _SAMPLES = 24
@@ -318,7 +318,7 @@ def junction_areas(through: Sequence[Block]) -> dict[str, tuple[ConflictArea, ..
     places = np.array([xy for _, xy in sampled])
     x, y = places[..., 0], places[..., 1]
     half = np.array([_half_width_m(block) for block in through])
-    found: dict[str, tuple[ConflictArea, ...]] = {}
+    areas_by_block: dict[str, tuple[ConflictArea, ...]] = {}
     for i, block in enumerate(through):
         dx = x[i][None, :, None] - x[:, None, :]
         dy = y[i][None, :, None] - y[:, None, :]
@@ -332,8 +332,10 @@ def junction_areas(through: Sequence[Block]) -> dict[str, tuple[ConflictArea, ..
         s = sampled[i][0]
         areas = [ConflictArea("merge", a, b) for a, b in _stretches(s, hits["merge"])]
         areas += [ConflictArea("crossing", a, b) for a, b in _stretches(s, hits["crossing"])]
-        found[block.block_id] = tuple(sorted(areas, key=lambda area: (area.kind, area.start_s_m)))
-    return found
+        areas_by_block[block.block_id] = tuple(
+            sorted(areas, key=lambda area: (area.kind, area.start_s_m))
+        )
+    return areas_by_block
 
 
 # Offsets stay this far from the centre of curvature, as a share of the radius.
@@ -422,16 +424,16 @@ def _block(way: Way, name: str, entrances: tuple[str, ...], exits: tuple[str, ..
 def _beside(way: Way) -> tuple[tuple[SceneryItem, ...], tuple[str, ...]]:
     """Return the part of a way's scenery that can stand beside its block, and notes on the rest."""
     clearance = Clearance(way.line, [(lane.y_m, lane.width_m) for lane in way.lanes])
-    kept = [item for item in way.scenery if clearance.problem(item) is None]
-    fewer = kept[:MOST_SCENERY]
+    clear_items = [item for item in way.scenery if clearance.problem(item) is None]
+    fewer = clear_items[:MOST_SCENERY]
     notes = []
-    if len(kept) < len(way.scenery):
+    if len(clear_items) < len(way.scenery):
         notes.append(
-            f"{len(way.scenery) - len(kept)} objects or signs that stand on the lanes or "
+            f"{len(way.scenery) - len(clear_items)} objects or signs that stand on the lanes or "
             "have no place along the block are left out"
         )
-    if len(fewer) < len(kept):
-        notes.append(f"only {MOST_SCENERY} of {len(kept)} objects and signs are kept")
+    if len(fewer) < len(clear_items):
+        notes.append(f"only {MOST_SCENERY} of {len(clear_items)} objects and signs are kept")
     return tuple(fewer), tuple(notes)
 
 
@@ -448,15 +450,15 @@ def _part(way: Way, from_m: float, to_m: float) -> Way:
 
 def _straights(way: Way, whole: Block) -> list[Block]:
     """Return the straight parts of a bent block, as blocks of their own."""
-    found = []
+    parts = []
     for low, high in straight_parts(way.line):
         entrances = whole.entrances if low == 0.0 else (whole.block_id,)
         exits = whole.exits if high >= whole.length_m - 1e-6 else (whole.block_id,)
         name = f"{whole.block_id} [{low:.0f}-{high:.0f} m]"
         block = _block(_part(way, low, high), name, entrances, exits)
         note = f"a straight part of {whole.block_id}"
-        found.append(replace(block, notes=(*block.notes, note)))
-    return found
+        parts.append(replace(block, notes=(*block.notes, note)))
+    return parts
 
 
 def _tight(way: Way) -> str | None:
@@ -504,8 +506,8 @@ def in_known_junctions(
         for way in ways
         if way.junction is not None and way.junction not in junctions
     }
-    found = [replace(way, junction=None) if way.name in missing else way for way in ways]
-    return found, list(missing.items())
+    sound_ways = [replace(way, junction=None) if way.name in missing else way for way in ways]
+    return sound_ways, list(missing.items())
 
 
 @dataclass(frozen=True)
@@ -566,11 +568,11 @@ def network_blocks(
             ends: tuple[WayEnd, WayEnd] = ((index, "start"), (index, "end"))
             enter, leave = ends if forward else ends[::-1]
             exits = neighbours(leave, entering=True)
-            seen = way if forward else way.reversed()
+            directed_way = way if forward else way.reversed()
             entrances = neighbours(enter, entering=False)
-            block = _block(seen, block_id(way, forward), entrances, exits)
+            block = _block(directed_way, block_id(way, forward), entrances, exits)
             if len(way.roads) > 1:
-                joins = f"joins {way.noun}s {', '.join(seen.roads)}"
+                joins = f"joins {way.noun}s {', '.join(directed_way.roads)}"
                 block = replace(block, notes=(*block.notes, joins))
             if way.lane:
                 shifting.append(replace(block, shifting=True))
@@ -579,7 +581,7 @@ def network_blocks(
             if way.junction is not None:
                 through.setdefault(way.junction, []).append(block)
             elif block.segment == "curve":
-                blocks += _straights(seen, block)
+                blocks += _straights(directed_way, block)
     areas: dict[str, tuple[ConflictArea, ...]] = {}
     for junction, inside in through.items():
         if len(inside) <= MOST_WAYS:
@@ -587,11 +589,11 @@ def network_blocks(
             continue
         many = f"has {len(inside)} ways through it; their conflict areas weren't looked for"
         rejected.append((f"junction {junction}", many))
-    made = (
+    blocks_with_areas = (
         replace(block, conflict_areas=areas[block.block_id]) if block.block_id in areas else block
         for block in blocks
     )
-    return NetworkBlocks(_by_id(made), _by_id(shifting), rejected)
+    return NetworkBlocks(_by_id(blocks_with_areas), _by_id(shifting), rejected)
 
 
 def _by_id(blocks: Iterable[Block]) -> tuple[Block, ...]:

@@ -59,12 +59,12 @@ def name_of(element: Element) -> str:
     return element.tag if identity is None else f"{element.tag} {identity[:40]}"
 
 
-def _path(top: Element, wanted: Element) -> str:
+def _path(top: Element, target: Element) -> str:
     """Return where an element stands: ``road 12 / planView / geometry[3]``."""
     stack = [(top, name_of(top))]
     while stack:
         element, path = stack.pop()
-        if element is wanted:
+        if element is target:
             return path
         counts: dict[str, int] = {}
         for child in element:
@@ -72,7 +72,7 @@ def _path(top: Element, wanted: Element) -> str:
             counts[child.tag] = number + 1
             name = name_of(child) if child.get("id") else f"{child.tag}[{number}]"
             stack.append((child, f"{path} / {name}"))
-    return name_of(wanted)
+    return name_of(target)
 
 
 def input_error(path: Path, top: Element, bad: BadElement) -> InputError:
@@ -149,17 +149,17 @@ def parts(path: Path, root: str, counted: str = "", loading: Loading = untold) -
 def count_tags(path: Path, tag: str) -> int | None:
     """Count the elements of a tag without parsing; None where the file's encoding hides them."""
     pattern = re.compile(rb"<" + tag.encode() + rb"[\s>/]")
-    found, tail = 0, b""
+    count, tail = 0, b""
     try:
         with open(path, "rb") as stream:
             while chunk := stream.read(_CHUNK_BYTES):
                 data = tail + chunk
-                found += len(pattern.findall(data))
+                count += len(pattern.findall(data))
                 # One byte less than a match: what was counted isn't counted again.
                 tail = data[-len(tag) - 1 :]
     except OSError:  # whoever reads it says so
         return None
-    return found or None
+    return count or None
 
 
 class _Chunks:
@@ -189,8 +189,8 @@ def _events(path: Path, events: tuple[str, ...]) -> Iterator[tuple[str, Element]
         with open(path, "rb") as stream:
             _refuse_packed(stream.read(8), path)
             stream.seek(0)
-            found = safe_xml.iterparse(_Chunks(stream), events=(*events, "start-ns"))
-            yield from _in_own_namespace(found, path)
+            parser_events = safe_xml.iterparse(_Chunks(stream), events=(*events, "start-ns"))
+            yield from _in_own_namespace(parser_events, path)
     except OSError as error:
         raise not_read(path, error) from error
     except DefusedXmlException as error:
@@ -293,18 +293,20 @@ def number(
             raise BadElement(element, f"has no attribute {attribute!r}")
         return default
     try:
-        found = decimal(value)
+        decimal_number = decimal(value)
     except ValueError:
-        named = value.strip().lower().lstrip("+-") in ("inf", "infinity", "nan")
-        problem = "is not finite" if named else "is not a number"
-        raise BadElement(element, problem, attribute, "give a number" if named else "") from None
-    if not math.isfinite(found):
+        is_nonfinite = value.strip().lower().lstrip("+-") in ("inf", "infinity", "nan")
+        problem = "is not finite" if is_nonfinite else "is not a number"
+        raise BadElement(
+            element, problem, attribute, "give a number" if is_nonfinite else ""
+        ) from None
+    if not math.isfinite(decimal_number):
         raise BadElement(element, "is not finite", attribute, "give a number")
-    if not low <= found <= high:
+    if not low <= decimal_number <= high:
         raise BadElement(
             element, "is out of bounds", attribute, f"from {low:g} to {high:g} can be read"
         )
-    return found
+    return decimal_number
 
 
 def whole(element: Element, attribute: str, *, most: int = 1000) -> int:
@@ -315,9 +317,9 @@ def whole(element: Element, attribute: str, *, most: int = 1000) -> int:
     """
     value = text(element, attribute)
     try:
-        found = whole_number(value)
+        integer = whole_number(value)
     except ValueError:
         raise BadElement(element, "is not a whole number", attribute) from None
-    if abs(found) > most:
+    if abs(integer) > most:
         raise BadElement(element, "is out of bounds", attribute, f"at most {most} can be read")
-    return found
+    return integer

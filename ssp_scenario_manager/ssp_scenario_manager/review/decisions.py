@@ -59,8 +59,10 @@ def edit(event: Event, path: str, value: Any, who: str) -> tuple[Event, list[Cha
         NotAllowed: the form has no such value, or its unit is of something else.
     """
     frames = frames_of(event, path)
-    seen = f"; frames {', '.join(map(str, frames))}" if frames else ""
-    doubt = Doubt(confidence=1.0, provenance="person", source=f"{who}{seen}", review="edited")
+    frames_text = f"; frames {', '.join(map(str, frames))}" if frames else ""
+    doubt = Doubt(
+        confidence=1.0, provenance="person", source=f"{who}{frames_text}", review="edited"
+    )
     after = _decided(event, with_value(event, path, value), path, doubt)
     if path == "interaction.type" and event.interaction.type != after.interaction.type:
         return _follow_type(after)
@@ -95,18 +97,20 @@ def _follow_type(event: Event) -> tuple[Event, list[Change]]:
     mapping = event.model_dump(mode="json", by_alias=True)
     constraints = mapping["constraints"]
     quantity = constraints["trigger"]["quantity"]
-    kept = quantity if quantity in kind.trigger_quantities else sorted(kind.trigger_quantities)[0]
+    trigger_quantity = (
+        quantity if quantity in kind.trigger_quantities else sorted(kind.trigger_quantities)[0]
+    )
     old = constraints["manoeuvre"]
-    wanted: dict[str, Any] = {
+    kind_values: dict[str, Any] = {
         "interaction.relation": kind.relation,
         "interaction.zone": kind.zone,
-        "constraints.trigger.quantity": kept,
+        "constraints.trigger.quantity": trigger_quantity,
         "constraints.manoeuvre": {name: old.get(name, UNRESOLVED) for name in kind.manoeuvre},
     }
-    if kept != quantity:
-        wanted["constraints.trigger.below"] = UNRESOLVED
+    if trigger_quantity != quantity:
+        kind_values["constraints.trigger.below"] = UNRESOLVED
     changes = []
-    for path, value in wanted.items():
+    for path, value in kind_values.items():
         before = get(mapping, path)
         if before != value:
             changes.append(Change(path, before, value))
@@ -146,14 +150,14 @@ def _decided(before: Event, after: Event, path: str, doubt: Doubt) -> Event:
 
 def _sealed_again(before: Event, after: Event, touched: list[str]) -> Event:
     """Seal entries above the touched fields again, if they held and only lost these fields."""
-    held = seals(before)
+    old_seals = seals(before)
     above = [
         path
         for path, doubt in before.uncertainty.items()
         if path not in touched
         and path in after.uncertainty
         and doubt.seal is not None
-        and doubt.seal == held.get(path)
+        and doubt.seal == old_seals.get(path)
         and any(within(field, path) for field in touched)
     ]
     return seal_event(after, above)
@@ -220,9 +224,9 @@ def read_value(text: str, old: Any, quantity: bool) -> Any:
         if not _WORDS.fullmatch(text):
             raise Unreadable("type words with commas between them, such as: decelerate, stop")
         return [word.strip() for word in text.split(",")]
-    found = _quantity(text)
-    if found is not None:
-        return found
+    interval = _quantity(text)
+    if interval is not None:
+        return interval
     if isinstance(old, dict):
         shape = "2..3" if set(old) == {"min", "max"} else "2..3 s"
         raise Unreadable(f"type a range, such as {shape}, or {UNRESOLVED}")
@@ -234,10 +238,10 @@ def read_value(text: str, old: Any, quantity: bool) -> Any:
 def _road_field(text: str, old: dict[str, Any]) -> Any:
     """Read a whole field in braces, else what the source shows, leaving whether it varies."""
     if text[0] == "{":
-        found = _yaml(text)
+        content = _yaml(text)
         nothing = {"identity": False, "varies": None, "why": None}
-        is_field = isinstance(found, dict) and "value" in found
-        return nothing | found if is_field else {**old, "value": found}
+        is_field = isinstance(content, dict) and "value" in content
+        return nothing | content if is_field else {**old, "value": content}
     inside, varies = old["value"], old["varies"]
     is_list = isinstance(inside, list)
     measured = any(isinstance(item, dict) and "unit" in item for item in (inside, varies))
@@ -249,10 +253,10 @@ def _road_field(text: str, old: dict[str, Any]) -> Any:
 
 def _quantity(text: str) -> Any:
     """Read an interval, a count where there is no unit, or None."""
-    found = _QUANTITY.fullmatch(text)
-    if found is None:
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
         return None
-    low, high, one, unit = found.groups()
+    low, high, one, unit = match.groups()
     low, high = one or low, one or high
     if unit is None:
         if not all(re.fullmatch(r"\d+", end or "") for end in (low, high)):

@@ -66,7 +66,7 @@ class Evidence:
         self._start_s = start_s
         self._frames: dict[int, tuple[float, Any]] = {}
 
-    def prepare(self, wanted: Iterable[tuple[int, ...]]) -> None:
+    def prepare(self, frame_groups: Iterable[tuple[int, ...]]) -> None:
         """Decode all frames that sheets will need, in one pass.
 
         Raises:
@@ -76,7 +76,7 @@ class Evidence:
             return
         from ssp_core.video import Video
 
-        numbers = {n for frames in wanted for n in spread(frames)}
+        numbers = {n for frames in frame_groups for n in spread(frames)}
         last = max(numbers, default=-1)
         with Video(self._video) as video:
             for frame in video.frames(0.0, None, 1):
@@ -267,7 +267,7 @@ class Session:
             # An earlier decision may have settled or removed this one.
             if self.reviewed.version != version:
                 version = self.reviewed.version
-                waiting = {found.field: found for found in undecided(self.reviewed.event)}
+                waiting = {entry.field: entry for entry in undecided(self.reviewed.event)}
             if item.field not in waiting:
                 continue
             item = waiting[item.field]
@@ -436,14 +436,14 @@ class Session:
         if answer not in [str(number) for number in range(1, len(reasons) + 1)]:
             self.terminal.say("  the clip is not refused")
             return False
-        seen = ask_reason(self.terminal, "  what is to be seen, and where> ")
-        if seen is None:
+        observation = ask_reason(self.terminal, "  what is to be seen, and where> ")
+        if observation is None:
             self.terminal.say("  the clip is not refused")
             return False
         record = self.reviewed.record(
             "gate",
             reasons[int(answer) - 1],
-            seen=seen,
+            seen=observation,
             at_field=item.field,
             frames=list(item.frames),
             source_sha256=self.reviewed.event.source.sha256,

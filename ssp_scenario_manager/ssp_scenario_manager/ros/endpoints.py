@@ -102,26 +102,26 @@ class PublisherWatch:
         """Look at all topics of the session, and at those that make the VUT's states."""
         self._follow_receiver()
         for topic in self._rules.expected:
-            found = self._publishers(topic) if self._is_asked(topic) else []
-            strangers = self._rules.strangers(topic, found)
+            publishers = self._publishers(topic) if self._is_asked(topic) else []
+            strangers = self._rules.strangers(topic, publishers)
             if strangers is not None and self._rules.expected[topic] is not ONE:
                 # Those of a part that has just come aren't known yet.
                 self._rules.know({proof: self._publishers(proof) for proof in self._rules.proofs})
-                strangers = self._rules.strangers(topic, found)
+                strangers = self._rules.strangers(topic, publishers)
             if strangers is None:
                 self._liveness.foreign.pop(topic, None)
                 self._unnamed_since_ns.pop(topic, None)
-            elif self._is_named(topic, found, steady_ns):
+            elif self._is_named(topic, publishers, steady_ns):
                 self._liveness.foreign[topic] = strangers.count, strangers.text
 
     def _follow_receiver(self) -> None:
         """Look at what the VUT's adapter hears of its GNSS/INS too, by whatever name."""
         topics = set(self._receiver)
         try:
-            heard = self._node.get_subscriber_names_and_types_by_node(
+            subscriptions = self._node.get_subscriber_names_and_types_by_node(
                 names.VUT_ADAPTER, names.NAMESPACE
             )
-            topics |= {topic for topic, _ in heard}
+            topics |= {topic for topic, _ in subscriptions}
         except NodeNameNonExistentError:
             topics |= self._of_drivers  # of an adapter that was here before
         topics -= self._own_names
@@ -140,13 +140,13 @@ class PublisherWatch:
         return bool(count > 1 if self._rules.expected[topic] is ONE else count)
 
     def _publishers(self, topic: str) -> list[Publisher]:
-        known = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-        found = []
-        for one in known:
+        endpoints = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
+        publishers = []
+        for one in endpoints:
             name, process = full_name(one), bytes(one.endpoint_gid[:_PROCESS_BYTES])
             where = "" if name else whence(process, self._own_process())
-            found.append(Publisher(name, process, where))
-        return found
+            publishers.append(Publisher(name, process, where))
+        return publishers
 
     def _own_process(self) -> bytes:
         """Return those of the manager's own publishers; empty while the graph shows none."""
@@ -157,9 +157,9 @@ class PublisherWatch:
                 return process
         return b""
 
-    def _is_named(self, topic: str, found: Iterable[Publisher], steady_ns: int) -> bool:
+    def _is_named(self, topic: str, publishers: Iterable[Publisher], steady_ns: int) -> bool:
         """Tell whether all have names, or it was waited long enough for one that hasn't."""
-        if all(one.node for one in found):
+        if all(one.node for one in publishers):
             return True
         since_ns = self._unnamed_since_ns.setdefault(topic, steady_ns)
         return steady_ns - since_ns >= _NAMED_WITHIN_NS
@@ -216,14 +216,14 @@ def violation_of(message: SafetyEvent) -> tuple[Violation, str]:
     """Read a violation that another node reports, and its name; ValueError for an unknown code."""
     code, source = SafetyCode(message.code), message.source[:_MOST_TEXT]
     limit_name = message.limit_name[:_MOST_TEXT]
-    named = MEANINGS[code].limit_name == limit_name
+    is_standard_name = MEANINGS[code].limit_name == limit_name
     violation = Violation(
         code,
         message.object_id[:_MOST_TEXT],
         message.measured,
         message.limit,
         ros.ns_from_stamp(message.header.stamp),
-        f"seen by {source}" if named else f"{limit_name} of {source}",
+        f"seen by {source}" if is_standard_name else f"{limit_name} of {source}",
         words=message.words[:_LONGEST_SENTENCE],
     )
     return violation, source
@@ -353,20 +353,22 @@ class ObjectEndpoints:
 
     def take_all_told_to_arm(self) -> bool:
         """Tell, once an arming, whether no object's command service is awaited any more for it."""
-        told = self._is_arming and self._commands.all_sent(outbox.ObjectCommand.ARM)
-        self._is_arming = self._is_arming and not told
-        return told
+        is_complete = self._is_arming and self._commands.all_sent(outbox.ObjectCommand.ARM)
+        self._is_arming = self._is_arming and not is_complete
+        return is_complete
 
     def _is_there(self, object_id: str) -> bool:
         return bool(self._clients[object_id].service_is_ready())
 
-    def _on_answer(self, asked: Pending, future: Any) -> None:
+    def _on_answer(self, request: Pending, future: Any) -> None:
         answer = future.result()
-        if answer is None or not self._commands.on_answer(asked, answer.accepted, answer.error_msg):
+        if answer is None or not self._commands.on_answer(
+            request, answer.accepted, answer.error_msg
+        ):
             return
-        if not answer.accepted and asked.command is not outbox.ObjectCommand.ALL_CLEAR:
+        if not answer.accepted and request.command is not outbox.ObjectCommand.ALL_CLEAR:
             lasting = answer.error_code in _LASTING
-            self._on_refusal(asked.object_id, asked.command, answer.error_msg, lasting)
+            self._on_refusal(request.object_id, request.command, answer.error_msg, lasting)
 
 
 class Publications:
@@ -494,5 +496,5 @@ class Publications:
 
     def step_done(self, step: int, session: SessionPhase) -> None:
         """Tell the world that this step was judged, and which heartbeat belongs to it."""
-        done = steps.StepDone(names.SCENARIO_MANAGER, step, self._count, session)
-        self._done.publish(steps.encode_done(done))
+        answer = steps.StepDone(names.SCENARIO_MANAGER, step, self._count, session)
+        self._done.publish(steps.encode_done(answer))

@@ -68,8 +68,8 @@ class FaultEndpoints:
 
     def lacks(self) -> list[str]:
         """Name what a fault may need and isn't seen yet; it would strike too late."""
-        heard = bool(self._ticks) or self._run.mode == "live"
-        missing = [] if heard else [names.WORLD_TICK]
+        has_world = bool(self._ticks) or self._run.mode == "live"
+        missing = [] if has_world else [names.WORLD_TICK]
         missing += [
             f"the readers of {publisher.topic_name}"
             for publisher in self._strange.values()
@@ -131,10 +131,10 @@ class FaultEndpoints:
 
     def tell_fault(self, fault: str, target: str, active: bool, value: float) -> None:
         unit = _UNITS.get(fault.partition(" ")[2], "")
-        told = FaultFact(
+        fact = FaultFact(
             self._node.get_name(), fault, target, active, value, unit, self._stamp_ns()
         )
-        self._faults.publish(encode_fault(told))
+        self._faults.publish(encode_fault(fact))
 
     def send_strange_reference(self, object_id: str, kind: str) -> None:
         objects = decode_tick(self._ticks[-1][1]).objects
@@ -144,12 +144,12 @@ class FaultEndpoints:
         current = self._references.get(object_id)
         version, now_ns = self._run.event_version, self._stamp_ns()
         if kind == "reference_stale":
-            made = invalid_references.stale(name, state, current, version, now_ns)
+            reference = invalid_references.stale(name, state, current, version, now_ns)
         else:
-            made = invalid_references.out_of_fence(
+            reference = invalid_references.out_of_fence(
                 name, state, current, version, now_ns, self._run.geofence
             )
-        self._strange[object_id].publish(encode_reference(made))
+        self._strange[object_id].publish(encode_reference(reference))
 
     # -- what is heard ---------------------------------------------------------------------------
 

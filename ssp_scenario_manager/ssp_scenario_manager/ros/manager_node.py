@@ -69,7 +69,7 @@ class ScenarioManager(Node):
 
     def __init__(self) -> None:
         super().__init__(names.SCENARIO_MANAGER, namespace=names.NAMESPACE)
-        given = ros.declare(self, SCENARIO_MANAGER)
+        parameters = ros.declare(self, SCENARIO_MANAGER)
         self._session = Session()
         self._own = OwnSession()
         self._now_ns = 0
@@ -96,8 +96,8 @@ class ScenarioManager(Node):
             self._on_given_up,
         )
         self._publications = Publications(self)
-        if given["run_file"]:
-            spec = load_run(given["run_file"])
+        if parameters["run_file"]:
+            spec = load_run(parameters["run_file"])
             self._lead(spec.session_token or draw_token(spec.mode), spec.mode)
         self._commands = SessionServices(self, self._session, self._own, self._load, self._command)
         self._others = PublisherWatch(self, self._liveness)
@@ -166,13 +166,17 @@ class ScenarioManager(Node):
         self._now_ns = tick.stamp_ns
         self._step_when_complete()
 
-    def on_step_done(self, done: steps.StepDone) -> None:
+    def on_step_done(self, answer: steps.StepDone) -> None:
         """Take a participant's answer to a step."""
-        if done.participant == names.SCENARIO_MANAGER:
+        if answer.participant == names.SCENARIO_MANAGER:
             return
-        self._liveness.hear_answer(done.participant)
+        self._liveness.hear_answer(answer.participant)
         self._inputs.on_answer(
-            done.participant, done.step, done.states_sent, done.acks_sent, done.safety_events_sent
+            answer.participant,
+            answer.step,
+            answer.states_sent,
+            answer.acks_sent,
+            answer.safety_events_sent,
         )
         self._step_when_complete()
 

@@ -192,14 +192,14 @@ class RunClient:
 
         A result that DDS loses is not waited for: nothing starts after the word has run out.
         """
-        asked = self._asked
-        if asked is None or not asked.not_after_ns:
+        request = self._asked
+        if request is None or not request.not_after_ns:
             return None
-        if asked.result is not None:
-            result = asked.result.result
+        if request.result is not None:
+            result = request.result.result
             late = result.error_code == RunScenario.Result.NOT_IN_TIME
             return tuple(result.reasons) if late else None
-        over_ns = asked.not_after_ns + seconds_to_ns(_RESULT_LOST_S)
+        over_ns = request.not_after_ns + seconds_to_ns(_RESULT_LOST_S)
         state = self.session.state
         waits = state is None or state < SessionPhase.RUNNING
         if waits and self.session.end is None and time.time_ns() > over_ns:
@@ -215,14 +215,14 @@ class RunClient:
 
         A publisher of a process that has ended may stay there for some seconds.
         """
-        known = self.node.get_publishers_info_by_topic(
+        endpoints = self.node.get_publishers_info_by_topic(
             self.node.resolve_topic_name(names.HEARTBEAT)
         )
-        found = sorted(full_name(one) or NAMELESS for one in known)
+        managers = sorted(full_name(one) or NAMELESS for one in endpoints)
         at_s = self._other_heard_at
-        if len(found) < 2 and at_s is not None and time.monotonic() - at_s < _HEARD_S:
-            found.append("the manager of another session")
-        return tuple(found) if len(found) > 1 else ()
+        if len(managers) < 2 and at_s is not None and time.monotonic() - at_s < _HEARD_S:
+            managers.append("the manager of another session")
+        return tuple(managers) if len(managers) > 1 else ()
 
     def cancel(self) -> None:
         """Ask the manager to abort, and again while it doesn't."""
@@ -277,8 +277,11 @@ class RunClient:
 
     def _ended_at(self) -> float | None:
         """Return when the end was heard first, by the result or by the session's last word."""
-        heard = [self.session.ended_at, None if self._asked is None else self._asked.result_at]
-        return min((at for at in heard if at is not None), default=None)
+        end_times_s = [
+            self.session.ended_at,
+            None if self._asked is None else self._asked.result_at,
+        ]
+        return min((at for at in end_times_s if at is not None), default=None)
 
     def close(self) -> None:
         with ros.bounded_teardown():
@@ -294,15 +297,15 @@ class RunClient:
             answer = future.result()
             self.loaded = () if answer.accepted else (answer.error_msg,)
 
-    def _on_accepted(self, asked: _SentGoal, future: Any) -> None:
-        asked.goal = future.result()
-        if not asked.goal.accepted:
+    def _on_accepted(self, request: _SentGoal, future: Any) -> None:
+        request.goal = future.result()
+        if not request.goal.accepted:
             raise PeerError("the scenario manager is busy with another run")
-        asked.goal.get_result_async().add_done_callback(partial(self._on_result, asked))
+        request.goal.get_result_async().add_done_callback(partial(self._on_result, request))
 
-    def _on_result(self, asked: _SentGoal, future: Any) -> None:
+    def _on_result(self, request: _SentGoal, future: Any) -> None:
         self.hear_manager()
-        asked.result, asked.result_at = future.result(), time.monotonic()
+        request.result, request.result_at = future.result(), time.monotonic()
 
     def _on_feedback(self, message: Any) -> None:
         self.hear_manager()
@@ -387,8 +390,8 @@ class StepwiseClient:
     @property
     def problems(self) -> tuple[str, ...]:
         """List the reasons why the run can't start; empty while it may, or when it has."""
-        asked = self._start_asked_at
-        late = asked is not None and time.monotonic() - asked > START_PATIENCE_S
+        request_time_s = self._start_asked_at
+        late = request_time_s is not None and time.monotonic() - request_time_s > START_PATIENCE_S
         if late and not self._word_holds and self._session is SessionPhase.ARMED and self._refusal:
             return self._refusal
         return self._script.problems
@@ -435,8 +438,8 @@ class StepwiseClient:
 
     # -- callbacks -------------------------------------------------------------------------------
 
-    def _on_answer(self, asked: Any, future: Any) -> None:
-        if asked is not self._waiting:
+    def _on_answer(self, request: Any, future: Any) -> None:
+        if request is not self._waiting:
             return
         self._waiting = None
         answer = future.result()

@@ -65,12 +65,12 @@ class OwnSession:
         """
         if not shown_state or (shown_state, shown_since_ns) == (self.state, self.since_ns):
             return ""
-        known = shown_state in tuple(SessionPhase)
-        shown = SessionPhase(shown_state).name if known else str(shown_state)
-        again = ", which came after it" if shown == self.state.name else ""
+        is_state = shown_state in tuple(SessionPhase)
+        state_name = SessionPhase(shown_state).name if is_state else str(shown_state)
+        again = ", which came after it" if state_name == self.state.name else ""
         return (
-            f"pressed for {shown}, and the session is {self.state.name}{again}: look again, then "
-            "press again"
+            f"pressed for {state_name}, and the session is {self.state.name}{again}: look again, "
+            "then press again"
         )
 
 

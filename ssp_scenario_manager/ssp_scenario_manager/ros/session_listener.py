@@ -250,9 +250,9 @@ def listen(
                 node.forget()
             executor.spin_once(timeout_sec=0.1)
             progress(passed_s / total_s)
-        heard = node.heard()
+        observations = node.heard()
         executor.shutdown()
         node.destroy_node()
-        return heard
+        return observations
     finally:
         rclpy.shutdown(context=context)

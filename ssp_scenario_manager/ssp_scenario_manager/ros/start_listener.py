@@ -101,8 +101,8 @@ class StartListener:
         heard_s = {object_id: at_s for object_id, (_, at_s) in self._states.items()}
         ages_s = {who: now_s - at_s for who, at_s in {**heard_s, **self._heard_s}.items()}
         adapted = ages_s.get(names.VUT_ADAPTER, math.inf) <= ADAPTER_SILENT_S
-        told, at_s = self._strangers
-        strangers = known_strangers(told, now_s - at_s, self._rivals)
+        descriptions, at_s = self._strangers
+        strangers = known_strangers(descriptions, now_s - at_s, self._rivals)
         return Facts(
             ages_s=ages_s,
             recorder_ready=self._recorder_ready,

@@ -35,8 +35,8 @@ def given_token(env: Mapping[str, str]) -> str:
     Raises:
         InputError: it can't be one.
     """
-    given = env.get(TOKEN_VARIABLE, "")
-    return check_token(given, f"environment variable {TOKEN_VARIABLE}") if given else ""
+    token = env.get(TOKEN_VARIABLE, "")
+    return check_token(token, f"environment variable {TOKEN_VARIABLE}") if token else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +70,8 @@ def page_companion(env: Mapping[str, str], run_file: Path, port: int) -> Compani
     Raises:
         InputError: the token in SSP_PAGE_TOKEN can't be one.
     """
-    given = given_token(env)
-    token = given or secrets.token_urlsafe(24)
+    env_token = given_token(env)
+    token = env_token or secrets.token_urlsafe(24)
     return Companion(
         names.MONITOR_PAGE,
         PAGE_MODULE,
@@ -79,7 +79,7 @@ def page_companion(env: Mapping[str, str], run_file: Path, port: int) -> Compani
         "the operator page",
         {TOKEN_VARIABLE: token},
         # Whoever chose the token knows it; it needs to stand in no log of a terminal.
-        "" if given else f"#token={token}",
+        "" if env_token else f"#token={token}",
         hears_the_end=True,
     )
 
@@ -183,9 +183,9 @@ class _Listener:
 def _watch(companion: Companion, node: NodeProcess, say: Callable[[str], None]) -> None:
     """Say where a page is, once it is there, and that a companion has ended, should it."""
     while companion.module == PAGE_MODULE and node.returncode is None:
-        found = _URL.search(node.log.read_text(errors="replace"))
-        if found is not None:
-            say(f"operator page: {found[1]}{companion.hint}")
+        match = _URL.search(node.log.read_text(errors="replace"))
+        if match is not None:
+            say(f"operator page: {match[1]}{companion.hint}")
             break
         time.sleep(0.05)
     node.process.wait()
@@ -211,7 +211,7 @@ def shadow_model(text: str) -> Companion:
     Raises:
         InputError: it is no such text.
     """
-    name, _, given = text.partition("=")
+    name, _, options_text = text.partition("=")
     if not _NAME.fullmatch(name):
         raise InputError(
             "is no name for a topic",
@@ -220,19 +220,19 @@ def shadow_model(text: str) -> Companion:
             remedy="use letters, digits and underscores, a letter first",
         )
     try:
-        options: Any = parse_strict(given) if given.strip() else {}
+        options: Any = parse_strict(options_text) if options_text.strip() else {}
     except ValueError as error:
         raise InputError(
             f"is not valid JSON: {error}",
             field="--shadow",
-            value=given,
+            value=options_text,
             remedy="""write --shadow 'NAME={"option": value}'""",
         ) from error
     if not isinstance(options, dict):
         raise InputError(
             "must be a JSON object",
             field="--shadow",
-            value=given,
+            value=options_text,
             remedy="""write --shadow 'NAME={"option": value}'""",
         )
     hz = options.get("hz", DEFAULT_HZ)

@@ -98,19 +98,19 @@ def check(spec: RunSpec, nodes: Iterable[str]) -> None:
     running, objects = list(nodes), [t.id for t in spec.targets]
     for index, fault in of_runner(spec):
         if fault.kind in _OF_NODES:
-            known, what = running, "node"
+            choices, what = running, "node"
             if fault.kind == "disk_full":
-                known = [names.MONITOR]
+                choices = [names.MONITOR]
         elif fault.kind in _OF_REFERENCES:
-            known, what = objects, "object target"
+            choices, what = objects, "object target"
         else:
-            known, what = [""], "target"
-        if fault.target not in known:
+            choices, what = [""], "target"
+        if fault.target not in choices:
             raise InputError(
                 f"is no {what} that {fault.kind} can strike in this run",
                 field=f"faults[{index}].target",
                 value=fault.target,
-                remedy=f"choose {', '.join(known)}" if known != [""] else "leave it out",
+                remedy=f"choose {', '.join(choices)}" if choices != [""] else "leave it out",
             )
         if spec.mode == "live" and fault.kind in _OF_REFERENCES:
             raise InputError(

@@ -37,10 +37,10 @@ def why_not(run: RunSpec) -> list[str]:
     reasons = _no_event(run, run_in_process(still)[0])
     if reasons:
         return [f"{reason}, while the VUT holds its approach speed" for reason in reasons]
-    told = _not_valid(_plain(run).model_copy(update={"traffic": run.traffic}))
-    if told and run.traffic and not _not_valid(_plain(run)):
-        return [f"{reason}, with the surroundings" for reason in told]
-    return [f"{reason}, with the SIL's driver" for reason in told]
+    driver_reasons = _not_valid(_plain(run).model_copy(update={"traffic": run.traffic}))
+    if driver_reasons and run.traffic and not _not_valid(_plain(run)):
+        return [f"{reason}, with the surroundings" for reason in driver_reasons]
+    return [f"{reason}, with the SIL's driver" for reason in driver_reasons]
 
 
 def _not_valid(run: RunSpec) -> Sequence[str]:
@@ -54,10 +54,10 @@ def _not_valid(run: RunSpec) -> Sequence[str]:
     return _late(result)
 
 
-def _late(seen: InProcessResult) -> list[str]:
+def _late(run_result: InProcessResult) -> list[str]:
     """List the conflict that comes too long after the trigger."""
-    found = late_conflict(seen.phase_s(Phase.TRIGGER), seen.phase_s(Phase.CONFLICT))
-    return [found] if found else []
+    finding = late_conflict(run_result.phase_s(Phase.TRIGGER), run_result.phase_s(Phase.CONFLICT))
+    return [finding] if finding else []
 
 
 def driven(run: RunSpec) -> tuple[InProcessResult, Record]:
@@ -82,31 +82,34 @@ def _without_response(run: RunSpec) -> RunSpec:
     return plain.model_copy(update={"driver": driver, "passing": None})
 
 
-def _no_event(run: RunSpec, seen: InProcessResult) -> list[str]:
+def _no_event(run: RunSpec, run_result: InProcessResult) -> list[str]:
     """List what is missing of trigger, conflict and passing order."""
     who = run.initiator_id
-    told = [reason for reason in seen.reasons if _code(reason) not in _OF_NO_RESPONSE]
-    if told:
-        return told
-    late = "; ".join(reason for reason in seen.reasons if _code(reason) == "event_missing")
-    if not seen.triggers:
+    reasons = [reason for reason in run_result.reasons if _code(reason) not in _OF_NO_RESPONSE]
+    if reasons:
+        return reasons
+    late = "; ".join(reason for reason in run_result.reasons if _code(reason) == "event_missing")
+    if not run_result.triggers:
         return [f"the trigger of {who} doesn't fire ({late})"]
-    met = seen.phase_s(Phase.CONFLICT) is not None
-    if seen.passing.other_first is None and not met:
-        return [f"no conflict comes of it ({late or _phases(seen)})"]
-    if seen.passing.other_first is None:
-        near = f"smallest distance {seen.min_distance_m:.2f} m"
+    has_conflict = run_result.phase_s(Phase.CONFLICT) is not None
+    if run_result.passing.other_first is None and not has_conflict:
+        return [f"no conflict comes of it ({late or _phases(run_result)})"]
+    if run_result.passing.other_first is None:
+        near = f"smallest distance {run_result.min_distance_m:.2f} m"
         return [f"{who} doesn't come into the VUT's corridor ({near})"]
-    if run.passing is not None and seen.passing.other_first is not run.passing.initiator_first:
-        first = who if seen.passing.other_first else run.vut.id
+    if (
+        run.passing is not None
+        and run_result.passing.other_first is not run.passing.initiator_first
+    ):
+        first = who if run_result.passing.other_first else run.vut.id
         return [f"{first} reaches the conflict point first, against K*'s passing order"]
-    return _late(seen)
+    return _late(run_result)
 
 
 def _code(reason: str) -> str:
     return reason.partition(":")[0]
 
 
-def _phases(seen: InProcessResult) -> str:
-    names: Sequence[str] = [p.phase.name.lower() for p in seen.phases]
+def _phases(run_result: InProcessResult) -> str:
+    names: Sequence[str] = [p.phase.name.lower() for p in run_result.phases]
     return f"phases: {', '.join(names)}"

@@ -267,7 +267,7 @@ class _Following:
     def _wait_for(
         self, is_there: Callable[[], bool], lacks: str, what: str, limit_s: float = SLOW_START_S
     ) -> RunOutcome | None:
-        began_s, told = time.monotonic(), False
+        began_s, is_announced = time.monotonic(), False
         while not is_there():
             self._client.spin(0.05)
             if (failure := self._failed_before("did not come up: ")) is not None:
@@ -276,8 +276,8 @@ class _Following:
             if waited_s > limit_s:
                 reason = f"{lacks} within {limit_s:g} s; waited for {what}"
                 return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
-            if waited_s > SLOW_START_TOLD_S and not told:
-                told = True
+            if waited_s > SLOW_START_TOLD_S and not is_announced:
+                is_announced = True
                 self._say(f"waiting for {what}")
         return None
 
@@ -322,7 +322,7 @@ class _Following:
 
         A publisher of a process that has ended is seen for some seconds more.
         """
-        began_s, told = time.monotonic(), False
+        began_s, is_announced = time.monotonic(), False
         settle_s = SETTLE_S if self._live is not None else 0.0
         while True:
             self._client.spin(0.05)
@@ -332,8 +332,8 @@ class _Following:
             others = self._client.other_managers()
             if not others and waited_s >= settle_s:
                 return None
-            if others and not told:
-                told = True
+            if others and not is_announced:
+                is_announced = True
                 self._say(f"{OTHERS}: {', '.join(others)}")
             if others and waited_s > OTHERS_S:
                 code = SafetyCode.FOREIGN_MANAGER
@@ -362,16 +362,16 @@ class _Following:
         listener = StartListener(self._client.node, self._spec)
         try:
             word: Word | None = Word.OTHER
-            shown = PromptFacts(self._spec, Facts())
-            is_read, asked = self._mark(), False
+            prompt_facts = PromptFacts(self._spec, Facts())
+            is_read, is_prompted = self._mark(), False
             while word is not Word.START:
                 if word in (Word.ABORT, Word.END_OF_INPUT):
                     return RunOutcome(Verdict.ABORTED, (f"{word.value} before the start",))
                 if word is Word.OTHER:
-                    shown = self._show(listener, live)
-                    is_read, asked = self._mark(), False
+                    prompt_facts = self._show(listener, live)
+                    is_read, is_prompted = self._mark(), False
                 self._client.spin(0.05)
-                for line in shown.news(listener.facts()):
+                for line in prompt_facts.news(listener.facts()):
                     self._say(line)
                 if self._client.under_way:
                     self._say(
@@ -380,10 +380,10 @@ class _Following:
                     return 0
                 if (failure := self._failed_before()) is not None:
                     return failure
-                if not asked:
+                if not is_prompted:
                     # On a terminal that is stopped nobody can read what is connected.
-                    word, asked = None, is_read()
-                    if asked:
+                    word, is_prompted = None, is_read()
+                    if is_prompted:
                         words.ask(time.monotonic_ns())
                         self._say(PROMPT)
                         is_read = self._mark()
@@ -404,8 +404,8 @@ class _Following:
         """Show what is connected, and what isn't for which reason, above the prompt."""
         began_s = time.monotonic()
         while (waited_s := time.monotonic() - began_s) < LOOK_S:
-            told = listener.knows_bodies or waited_s > BODIES_TOLD_S
-            if told and all(connected(self._spec, listener.facts()).values()):
+            is_complete = listener.knows_bodies or waited_s > BODIES_TOLD_S
+            if is_complete and all(connected(self._spec, listener.facts()).values()):
                 break
             self._client.spin(0.05)
         facts = listener.facts()
@@ -510,10 +510,10 @@ class _Following:
         if self._by_hand.is_armed and self._armed_at is None:
             self._armed_at = time.monotonic()
             self._injector.strike_armed(self._hands.wall_s)
-        held = (
+        is_hold_over = (
             self._armed_at is not None and time.monotonic() - self._armed_at >= faults.ARMED_HOLD_S
         )
-        self._by_hand.drive(may_start=held)
+        self._by_hand.drive(may_start=is_hold_over)
 
     def _cannot_start(self) -> RunOutcome | None:
         if self._by_hand is None or not self._by_hand.problems:

@@ -224,7 +224,7 @@ def run_recorded(
 
 
 def leave_recording(
-    spec: RunSpec, run_file: Path, bag: Path, kept: KeptSession, result: InProcessResult
+    spec: RunSpec, run_file: Path, bag: Path, session_record: KeptSession, result: InProcessResult
 ) -> dict[str, Any]:
     """Leave the bag of a run in one process that is over, with the verdict in it.
 
@@ -232,7 +232,7 @@ def leave_recording(
         spec: the run; its camera, if it has one, is drawn by our own renderer.
         run_file: holds ``spec``; its task lies beside it.
         bag: a new folder.
-        kept: what was said in the run.
+        session_record: what was said in the run.
         result: of the run.
 
     Returns:
@@ -246,9 +246,13 @@ def leave_recording(
     from ssp_scenario_manager.run.report import ReportInput, told
 
     with SessionRecording(spec, run_file, bag) as recording:
-        kept.tell(recording)
+        session_record.tell(recording)
     seal = leave_verdict(bag, result.verdict, result.reasons, "runner")
-    return {"bag": bag.name, "seal": seal, "measured": told(ReportInput.of_kept(kept, spec), spec)}
+    return {
+        "bag": bag.name,
+        "seal": seal,
+        "measured": told(ReportInput.of_kept(session_record, spec), spec),
+    }
 
 
 def judged(
@@ -263,9 +267,11 @@ def judged(
         session.faults,
         {i: record.truths(i) for i in spec.object_ids},
     )
-    told = RunOutcome(session.session.verdict, tuple(session.session.reasons or session.problems))
+    outcome = RunOutcome(
+        session.session.verdict, tuple(session.session.reasons or session.problems)
+    )
     # What K* says of passing and time gap decides nothing of a driven run.
-    return told.with_misses([] if spec.driven else misses(spec, happened)), happened
+    return outcome.with_misses([] if spec.driven else misses(spec, happened)), happened
 
 
 def save_states(path: Path, spec: RunSpec, record: Record) -> None:

@@ -65,10 +65,10 @@ class _PlantHeard:
 
     def facts(self, spec: RunSpec, steady_ns: int) -> Facts:
         """Return ages as the node measures them, counted in holds."""
-        heard = self.liveness.facts(spec, steady_ns)
+        liveness_facts = self.liveness.facts(spec, steady_ns)
         return replace(
             Facts.of_one_process(spec),
-            ages_s={**heard.ages_s, names.MONITOR: 0.0, names.FRONT_CAMERA: 0.0},
+            ages_s={**liveness_facts.ages_s, names.MONITOR: 0.0, names.FRONT_CAMERA: 0.0},
             links=dict(self._links),
         )
 
@@ -269,17 +269,17 @@ class InProcessSession:
                 ack.reference_id, ack.accepted, ack.error_code, ack.error_msg, ack.stamp_ns
             )
             self._flush()
-        for seen in report.limits:
-            of_other = f"seen by {seen.source}"
+        for safety_event in report.limits:
+            of_other = f"seen by {safety_event.source}"
             session.fail(
                 limits.Violation(
-                    seen.code,
-                    seen.object_id,
-                    seen.measured,
-                    seen.limit,
-                    seen.stamp_ns,
+                    safety_event.code,
+                    safety_event.object_id,
+                    safety_event.measured,
+                    safety_event.limit,
+                    safety_event.stamp_ns,
                     of_other,
-                    words=seen.words,
+                    words=safety_event.words,
                 ),
                 announced=True,
             )

@@ -87,7 +87,7 @@ def _add(suite: ElementTree.Element, case: Case) -> None:
             ElementTree.SubElement(properties, "property", pair)
     if case.result is not None:
         reasons = case.outcome.reasons
-        told = ElementTree.SubElement(
+        outcome_element = ElementTree.SubElement(
             element,
             case.result,
             {
@@ -96,7 +96,7 @@ def _add(suite: ElementTree.Element, case: Case) -> None:
                 "message": _text(next(iter(reasons), "no reason was given").partition("\n")[0]),
             },
         )
-        told.text = _text("\n".join(reasons))
+        outcome_element.text = _text("\n".join(reasons))
 
 
 def _text(text: str) -> str:

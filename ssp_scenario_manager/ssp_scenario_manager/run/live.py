@@ -130,14 +130,14 @@ class LiveSetup:
             click.UsageError: an option without the one that it belongs to, or not of its form.
         """
         flags = {"bodies": "body", "remappings": "remap"}
-        given = [
+        option_names = [
             f"--{flags.get(name, name)}".replace("_", "-")
             for name, value in options.items()
             if value
         ]
         if mode != "live":
-            if given:
-                raise click.UsageError(f"{', '.join(given)}: only with --mode live")
+            if option_names:
+                raise click.UsageError(f"{', '.join(option_names)}: only with --mode live")
             return None
         if options["wait"] and options["start_at_once"]:
             raise click.UsageError("--wait waits for a person's word, --start-at-once for none")
@@ -193,14 +193,14 @@ class LiveSetup:
             )
         if self.declared is not None:
             load_declaration(self.declared, spec)
-        known = [target.id for target in spec.targets]
+        object_ids = [target.id for target in spec.targets]
         for object_id in self.bodies:
-            if object_id not in known:
+            if object_id not in object_ids:
                 raise InputError(
                     "is no object of this run",
                     field="--body",
                     value=object_id,
-                    remedy=f"choose {', '.join(known)}",
+                    remedy=f"choose {', '.join(object_ids)}",
                 )
         if unreachable := list(self._unreachable()):
             raise InputError.of_all(unreachable, None)
@@ -222,34 +222,34 @@ class LiveSetup:
 
     def parameters(self, run_file: Path, bag: Path) -> dict[str, dict[str, object]]:
         """Return the nodes of this host by name, in starting order, each with its parameters."""
-        found: dict[str, dict[str, object]] = {
+        parameters_by_node: dict[str, dict[str, object]] = {
             names.MONITOR: {"run_file": run_file, "bag_dir": bag},
         }
         if self.bodies:
-            found[names.OBJECT_TARGET] = {
+            parameters_by_node[names.OBJECT_TARGET] = {
                 "run_file": run_file,
                 "object_ids": ",".join(sorted(self.bodies)),
                 "bodies": ",".join(f"{i}={address}" for i, address in sorted(self.bodies.items())),
             }
         if self.receiver:
             forward_m, left_m, yaw_left_rad = self.unit
-            found[names.VUT_ADAPTER] = {
+            parameters_by_node[names.VUT_ADAPTER] = {
                 "run_file": run_file,
                 **self.receiver,
                 "unit_forward_m": forward_m,
                 "unit_left_m": left_m,
                 "unit_yaw_left_rad": yaw_left_rad,
             }
-        found[names.SCENARIO_MANAGER] = {"run_file": run_file}
-        return found
+        parameters_by_node[names.SCENARIO_MANAGER] = {"run_file": run_file}
+        return parameters_by_node
 
 
 def describe(setup: LiveSetup, spec: RunSpec, run_file: Path, env: dict[str, str]) -> list[str]:
     """List the facts that people must know before a live session, one line each."""
     server = env.get("ROS_DISCOVERY_SERVER")
-    found = f"discovery server {server}" if server else "no discovery server"
+    discovery = f"discovery server {server}" if server else "no discovery server"
     lines = [
-        f"live session in ROS domain {env['ROS_DOMAIN_ID']}, {found}, "
+        f"live session in ROS domain {env['ROS_DOMAIN_ID']}, {discovery}, "
         f"DDS profile {Path(env['FASTRTPS_DEFAULT_PROFILES_FILE']).name}"
     ]
     if spec.stand_in:
@@ -276,18 +276,18 @@ def doctor_command(setup: LiveSetup, run_file: Path, env: dict[str, str]) -> str
     Before it stands whatever this process was given to find others by, and the domain.
     """
     words = [f"{name}={shlex.quote(value)}" for name, value in sorted(_graph(env).items())]
-    given = ["doctor", "--session", str(run_file)]
+    arguments = ["doctor", "--session", str(run_file)]
     for name in ("odometry", "navsat"):
         if name in setup.receiver:
-            given += [f"--{name}", setup.receiver[name]]
+            arguments += [f"--{name}", setup.receiver[name]]
     for rule in setup.remappings:
-        given += ["--remap", rule]
-    return " ".join([*words, own_command(), *map(shlex.quote, given)])
+        arguments += ["--remap", rule]
+    return " ".join([*words, own_command(), *map(shlex.quote, arguments)])
 
 
 def _graph(env: Mapping[str, str]) -> dict[str, str]:
     """Return the variables of a session without which the doctor would be in another graph."""
-    found = {
+    variables = {
         name: str(Path(value).absolute()) if name.endswith(_PATHS) else value
         for name, value in env.items()
         if value
@@ -295,15 +295,15 @@ def _graph(env: Mapping[str, str]) -> dict[str, str]:
         and not name.startswith("RCUTILS_")  # these shape logs
         and value == os.environ.get(name)
     }
-    return {**found, "ROS_DOMAIN_ID": env["ROS_DOMAIN_ID"]}
+    return {**variables, "ROS_DOMAIN_ID": env["ROS_DOMAIN_ID"]}
 
 
 def _receiver(options: dict[str, Any]) -> dict[str, str]:
     """Return topics of the VUT's GNSS/INS; UsageError for some that don't go together."""
     gnss = ("navsat", "heading", "velocity", "least_fix")
-    found = {name: options[name] for name in ("odometry", *gnss) if options[name] is not None}
-    if "odometry" in found and len(found) > 1:
+    topics = {name: options[name] for name in ("odometry", *gnss) if options[name] is not None}
+    if "odometry" in topics and len(topics) > 1:
         raise click.UsageError("--odometry and --navsat: the VUT has one GNSS/INS")
-    if found and "odometry" not in found and not {"navsat", "heading"} <= found.keys():
+    if topics and "odometry" not in topics and not {"navsat", "heading"} <= topics.keys():
         raise click.UsageError("--navsat and --heading go together, --velocity and --least-fix too")
-    return found
+    return topics

@@ -72,14 +72,14 @@ class _Worker:
         return function(*one)
 
 
-def _answered(ray: Any, asked: Sequence[Any]) -> list[Any]:
+def _answered(ray: Any, requests: Sequence[Any]) -> list[Any]:
     """Return the answers of the actors that the cluster has had room for, of at least one."""
-    there, _ = ray.wait(asked, num_returns=len(asked), timeout=_NOTE_S)
+    there, _ = ray.wait(requests, num_returns=len(requests), timeout=_NOTE_S)
     while not there:
         console.note("the Ray cluster has no free processor for a worker yet")
-        there, _ = ray.wait(asked, num_returns=1, timeout=_NOTE_S)
-    found: list[Any] = there
-    return found
+        there, _ = ray.wait(requests, num_returns=1, timeout=_NOTE_S)
+    answers: list[Any] = there
+    return answers
 
 
 def _map_on(
@@ -97,15 +97,15 @@ def _map_on(
     actors = [ray.remote(num_cpus=1)(_Worker).remote() for _ in range(count)]
     try:
         ours = software()
-        asked = {actor.do.remote(software): actor for actor in actors}
-        there = _answered(ray, list(asked))
+        actors_by_request = {actor.do.remote(software): actor for actor in actors}
+        there = _answered(ray, list(actors_by_request))
         for theirs in ray.get(there):
             if theirs != ours:
                 raise HostError(
                     "a machine of the Ray cluster has another version of this software; install "
                     "the same one on all"
                 )
-        pool = ActorPool([asked[one] for one in there])
+        pool = ActorPool([actors_by_request[one] for one in there])
         yield from pool.map(lambda actor, one: actor.do.remote(function, one), list(things))
     except ray.exceptions.RayTaskError as error:
         # As in one process; what can't be sent here is the cluster's trouble.

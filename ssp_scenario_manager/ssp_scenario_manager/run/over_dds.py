@@ -258,7 +258,7 @@ def _conclude(
         if word is not None and recording == bag:
             write(partial(_seal_word, word, bag))
     wall_s = time.monotonic() - started
-    told = {
+    result_fields = {
         **result_keys(spec, happened, participation_by(bag, spec)),
         "in_process": False,
         "bodies": bodies,
@@ -273,7 +273,7 @@ def _conclude(
         "compiled_core": core_in_use(),
         **more,
     }
-    write(lambda: write_json(folder / RESULT_FILE, told))
+    write(lambda: write_json(folder / RESULT_FILE, result_fields))
     if recording != bag:
         unwritten.append(
             f"the recording lies in {recording}; make room, then close it with "
@@ -284,7 +284,7 @@ def _conclude(
     return RunResult(
         outcome,
         recording,
-        told,
+        result_fields,
         tuple(unwritten),
         wall_s,
         followed.session_s,
@@ -294,17 +294,17 @@ def _conclude(
 
 def _simulated(spec: RunSpec, run_file: Path, bag: Path) -> dict[str, dict[str, object]]:
     """Return the nodes of a simulated session by name, each with its parameters."""
-    found: dict[str, dict[str, object]] = {
+    parameters_by_node: dict[str, dict[str, object]] = {
         names.MONITOR: {"run_file": run_file, "bag_dir": bag},
         names.SIL_WORLD: {"run_file": run_file},
         names.OBJECT_TARGET: {"run_file": run_file},
     }
     if spec.driven is not None and spec.has_driver_node:
-        found[names.VUT_DRIVER] = {"run_file": run_file}
+        parameters_by_node[names.VUT_DRIVER] = {"run_file": run_file}
     if spec.camera is not None:
-        found[names.FRONT_CAMERA] = {"run_file": run_file}
-    found[names.SCENARIO_MANAGER] = {"run_file": run_file}
-    return found
+        parameters_by_node[names.FRONT_CAMERA] = {"run_file": run_file}
+    parameters_by_node[names.SCENARIO_MANAGER] = {"run_file": run_file}
+    return parameters_by_node
 
 
 @contextmanager
@@ -353,9 +353,9 @@ def _check_bag(bag: Path, outcome: RunOutcome, say: Callable[[str], None]) -> Ru
         return outcome.with_reason(
             Verdict.INVALID_HARNESS, f"the recorder left a bag that can't be recovered: {error}"
         )
-    kept = sum(report.messages.values())
-    say(f"bag recovered: {kept} messages")
+    message_count = sum(report.messages.values())
+    say(f"bag recovered: {message_count} messages")
     return outcome.with_reason(
         Verdict.INVALID_HARNESS,
-        f"the recorder did not close its bag; {kept} messages were recovered",
+        f"the recorder did not close its bag; {message_count} messages were recovered",
     )

@@ -88,9 +88,9 @@ def bands(
     ]
     if len(before) < LEAST_STATES:
         return None
-    found = differences(before, previous)
-    middle = np.median(found, axis=0)
-    sigma = MAD_TO_SIGMA * np.median(np.abs(found - middle), axis=0)
+    deviations = differences(before, previous)
+    middle = np.median(deviations, axis=0)
+    sigma = MAD_TO_SIGMA * np.median(np.abs(deviations - middle), axis=0)
     return middle, np.maximum(SIGMAS * sigma, FLOORS)
 
 
@@ -225,10 +225,10 @@ class ReportInput:
         )
 
     @classmethod
-    def of_kept(cls, kept: KeptSession, spec: RunSpec) -> ReportInput:
+    def of_kept(cls, session_record: KeptSession, spec: RunSpec) -> ReportInput:
         """Take what a session's bag holds from the session itself."""
         targets = {target.id for target in spec.targets}
-        facts = list(kept.facts())
+        facts = list(session_record.facts())
         references: dict[str, Reference] = {}
         for fact in facts:
             if isinstance(fact, Reference) and fact.object_id in targets:
@@ -237,7 +237,7 @@ class ReportInput:
         stamped: dict[str, list[tuple[int, ObjectState]]] = {
             name: [] for name in (names.VUT_ID, *targets)
         }
-        for report in kept.reports():
+        for report in session_record.reports():
             for ack in report.acks:
                 if ack.object_id in targets:
                     acks.setdefault(ack.reference_id, ack)
@@ -265,8 +265,8 @@ class ReportInput:
             acks=acks,
             # Readers order a bag by the times of its messages.
             states={
-                name: [one for _, one in sorted(found, key=itemgetter(0))]
-                for name, found in stamped.items()
+                name: [one for _, one in sorted(stamped_states, key=itemgetter(0))]
+                for name, stamped_states in stamped.items()
             },
         )
 
@@ -292,73 +292,73 @@ def measured(bag: Path, spec: RunSpec, say: Callable[[str], None]) -> dict[str, 
     """
     try:
         with BagReader(bag) as reader:
-            heard = ReportInput.of(reader, spec)
+            report_input = ReportInput.of(reader, spec)
     except (SspError, ValueError) as error:
         return {"schema": SCHEMA, "problem": str(error)}
-    report = told(heard, spec)
+    report = told(report_input, spec)
     for line in lines(report):
         say(line)
     return report
 
 
-def told(heard: ReportInput, spec: RunSpec) -> dict[str, Any]:
+def told(report_input: ReportInput, spec: RunSpec) -> dict[str, Any]:
     """Compute ``measured`` from the data that were read."""
-    purposes = {name: sent.purpose for name, sent in heard.references.items()}
+    purposes = {name: sent.purpose for name, sent in report_input.references.items()}
     return {
         "schema": SCHEMA,
         "problem": None,
-        "triggers": [_trigger(heard, firing) for firing in heard.firings],
+        "triggers": [_trigger(report_input, firing) for firing in report_input.firings],
         "never_fired": sorted(
-            {t.id for t in spec.triggers} - {str(f.trigger_id) for f in heard.firings}
+            {t.id for t in spec.triggers} - {str(f.trigger_id) for f in report_input.firings}
         ),
-        "tracking": {t.id: tracking(heard.states[t.id], purposes) for t in spec.targets},
-        "states": {name: receipt(states) for name, states in heard.states.items()},
+        "tracking": {t.id: tracking(report_input.states[t.id], purposes) for t in spec.targets},
+        "states": {name: receipt(states) for name, states in report_input.states.items()},
     }
 
 
-def _trigger(heard: ReportInput, firing: Any) -> dict[str, Any]:
+def _trigger(report_input: ReportInput, firing: Any) -> dict[str, Any]:
     dispatched_ns = stamp_ns(firing.dispatch_time)
     pairs = zip(firing.object_ids, firing.reference_ids, strict=True)
     return {
         "trigger_id": str(firing.trigger_id),
         "condition": str(firing.condition),
-        "crossing_s": heard.s(stamp_ns(firing.crossing_time)),
-        "judged_s": heard.s(stamp_ns(firing.header.stamp)),
-        "dispatched_s": heard.s(dispatched_ns),
+        "crossing_s": report_input.s(stamp_ns(firing.crossing_time)),
+        "judged_s": report_input.s(stamp_ns(firing.header.stamp)),
+        "dispatched_s": report_input.s(dispatched_ns),
         "processing_ms": round(1e3 * float(firing.processing), 3),
         "references": [
-            _reference(heard, str(who), str(name), dispatched_ns) for who, name in pairs
+            _reference(report_input, str(who), str(name), dispatched_ns) for who, name in pairs
         ],
     }
 
 
 def _reference(
-    heard: ReportInput, object_id: str, reference_id: str, dispatched_ns: int
+    report_input: ReportInput, object_id: str, reference_id: str, dispatched_ns: int
 ) -> dict[str, Any]:
-    sent, ack = heard.references.get(reference_id), heard.acks.get(reference_id)
-    began = _onset(heard, object_id, sent, dispatched_ns)
+    sent, ack = report_input.references.get(reference_id), report_input.acks.get(reference_id)
+    began = _onset(report_input, object_id, sent, dispatched_ns)
     return {
         "object_id": object_id,
         "reference_id": reference_id,
-        "acknowledged_s": heard.s(ack.stamp_ns) if ack is not None else None,
+        "acknowledged_s": report_input.s(ack.stamp_ns) if ack is not None else None,
         "accepted": ack.accepted if ack is not None else None,
         "refused": ack.error_msg if ack is not None and not ack.accepted else None,
-        "execute_at_s": heard.s(sent.execute_at_ns) if sent is not None else None,
+        "execute_at_s": report_input.s(sent.execute_at_ns) if sent is not None else None,
         "onset": None if isinstance(began, str) else began,
         "no_onset": began if isinstance(began, str) else None,
     }
 
 
 def _onset(
-    heard: ReportInput, object_id: str, sent: Reference | None, dispatched_ns: int
+    report_input: ReportInput, object_id: str, sent: Reference | None, dispatched_ns: int
 ) -> dict[str, Any] | str:
     """Return the motion onset, or why there is none."""
     if sent is None:
         return "the bag doesn't hold the reference"
-    states = sorted(heard.states.get(object_id, ()), key=lambda state: state.stamp_ns)
+    states = sorted(report_input.states.get(object_id, ()), key=lambda state: state.stamp_ns)
     before = [state for state in states if state.stamp_ns <= dispatched_ns]
     tracked = before[-1].reference_id if before else ""
-    previous = heard.references.get(tracked)
+    previous = report_input.references.get(tracked)
     if tracked and previous is None:
         return f"the bag doesn't hold the previous reference {tracked}"
     noise = bands(states, previous, dispatched_ns)
@@ -369,7 +369,7 @@ def _onset(
         return "no state departs from the previous reference"
     state, k = began
     return {
-        "at_s": heard.s(state.stamp_ns),
+        "at_s": report_input.s(state.stamp_ns),
         "quantity": QUANTITIES[k],
         "unit": UNITS[k],
         "difference": round(float(differences([state], previous)[0, k]), 4),
@@ -380,7 +380,7 @@ def _onset(
 
 def lines(report: dict[str, Any]) -> list[str]:
     """Return the report for people: one line per trigger, and per object that had a reference."""
-    found = [
+    texts = [
         f"trigger {fired['trigger_id']}: crossed at {fired['crossing_s']:.3f} s, judged on the "
         f"state of {fired['judged_s']:.3f} s, "
         f"{'sent' if fired['references'] else 'nothing sent'} at {fired['dispatched_s']:.3f} s "
@@ -388,18 +388,18 @@ def lines(report: dict[str, Any]) -> list[str]:
         + "".join(_line_of_reference(r) for r in fired["references"])
         for fired in report["triggers"]
     ]
-    found += [f"trigger {name} never fired" for name in report["never_fired"]]
+    texts += [f"trigger {name} never fired" for name in report["never_fired"]]
     for name, errors in report["tracking"].items():
         counted = report["states"][name]
         missing = f", {counted['lost']} lost" if counted["lost"] else ", none lost"
         if errors is not None:
-            found.append(
+            texts.append(
                 f"tracking of {name}: lateral {errors['lateral_rms_m']:.3f} m rms, at most "
                 f"{errors['lateral_max_m']:.3f} m; longitudinal "
                 f"{errors['longitudinal_rms_m']:.3f} m rms, at most "
                 f"{errors['longitudinal_max_m']:.3f} m; {counted['received']} states{missing}"
             )
-    return found
+    return texts
 
 
 def _line_of_reference(reference: dict[str, Any]) -> str:

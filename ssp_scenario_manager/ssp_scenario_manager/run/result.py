@@ -130,12 +130,14 @@ class RunEvents:
         def decoded(topic: str) -> list[Any]:
             return [bag.decode(message) for message in bag.messages([absolute(topic)])]
 
-        told = [(stamp_ns(m.header.stamp), int(m.state)) for m in decoded(names.SESSION_STATE)]
-        starts = [at_ns for at_ns, state in told if state == SessionPhase.RUNNING]
+        state_changes = [
+            (stamp_ns(m.header.stamp), int(m.state)) for m in decoded(names.SESSION_STATE)
+        ]
+        starts = [at_ns for at_ns, state in state_changes if state == SessionPhase.RUNNING]
         # Simulated time stands at zero until the run begins; a live session's is the wall clock's.
         began_ns = starts[0] if starts else (None if spec.mode == "live" else 0)
         if spec.mode == "live":
-            over = [at_ns for at_ns, state in told if state in _OVER]
+            over = [at_ns for at_ns, state in state_changes if state in _OVER]
             truths = _reported_states(bag, spec, began_ns, over[0] if over else None)
         else:
             truths = _true_states(bag, spec)
@@ -187,24 +189,24 @@ def misses(spec: RunSpec, happened: RunEvents) -> list[str]:
     """
     if spec.passing is None:
         return []
-    seen = happened.passing
-    found = spec.passing.misses(
+    passing = happened.passing
+    departures = spec.passing.misses(
         spec.initiator_id,
-        seen.other_first,
-        seen.time_gap_s,
-        vut_arrived=seen.own_arrival_s is not None,
+        passing.other_first,
+        passing.time_gap_s,
+        vut_arrived=passing.own_arrival_s is not None,
     )
-    found += [
+    departures += [
         f"initiator: {one.text(spec.thresholds)}, K* wants the conflict with {spec.initiator_id}"
         for one in happened.intrusions
     ]
     announced = any(p.phase is Phase.RESOLUTION for p in happened.phases)
     if announced and happened.resolution_ns is None:
-        found.append(
+        departures.append(
             "resolution: the conflict began again and lasts to the end of the recording, K* wants "
             "it resolved"
         )
-    return found
+    return departures
 
 
 def late_conflict(trigger_s: float | None, conflict_s: float | None) -> str:
@@ -262,11 +264,11 @@ def result_keys(
     Returns:
         Times in s since the start of the run.
     """
-    known: dict[str, Any] = dict.fromkeys(
+    event_keys: dict[str, Any] = dict.fromkeys(
         ("phases", "triggers", "faults", "initiator_first", "time_gap_s", "min_distance_m")
     )
     if happened is not None:
-        known = {
+        event_keys = {
             "phases": [_phase(happened, p) for p in happened.final_phases],
             "triggers": [_trigger(happened, t) for t in happened.triggers],
             "faults": [_fault(happened, f) for f in happened.faults],
@@ -284,7 +286,7 @@ def result_keys(
         "participants": None if took_part is None else took_part.text,
         "stand_in": None if took_part is None else stands_in(spec, took_part),
         "wanted": None if spec.passing is None else spec.passing.model_dump(),
-        **known,
+        **event_keys,
     }
 
 
@@ -365,9 +367,9 @@ def _reported_states(
     somebody is unknown is left out.
     """
     everybody = (spec.vut.id, *_ids(spec))
-    found: dict[str, list[ObjectState]] = {i: [] for i in everybody}
+    states_by_id: dict[str, list[ObjectState]] = {i: [] for i in everybody}
     if began_ns is None:
-        return found
+        return states_by_id
     ordered = {
         name: sorted((s for s in states if s.is_finite), key=lambda state: state.stamp_ns)
         for name, states in object_states(bag, everybody).items()
@@ -382,13 +384,13 @@ def _reported_states(
         newest = {i: bisect_right(stamps[i], now_ns) - 1 for i in everybody}
         if all(k >= 0 and now_ns - stamps[i][k] <= age_ns for i, k in newest.items()):
             for name, k in newest.items():
-                found[name].append(ordered[name][k].extrapolated(now_ns))
-    return found
+                states_by_id[name].append(ordered[name][k].extrapolated(now_ns))
+    return states_by_id
 
 
 def _true_states(bag: BagReader, spec: RunSpec) -> dict[str, list[ObjectState]]:
     """Read the true states of each step of the simulated world once, by id."""
-    found: dict[str, list[ObjectState]] = {i: [] for i in (spec.vut.id, *_ids(spec))}
+    states_by_id: dict[str, list[ObjectState]] = {i: [] for i in (spec.vut.id, *_ids(spec))}
     steps: dict[int, Sequence[ObjectState]] = {}
     for message in bag.messages([absolute(names.WORLD_TICK)]):
         tick = decode_tick(message.data)
@@ -397,10 +399,10 @@ def _true_states(bag: BagReader, spec: RunSpec) -> dict[str, list[ObjectState]]:
             steps.setdefault(tick.step, tick.objects)
     for _, objects in sorted(steps.items()):
         by_id = {state.object_id: state for state in objects}
-        if found.keys() <= by_id.keys():
-            for name, states in found.items():
+        if states_by_id.keys() <= by_id.keys():
+            for name, states in states_by_id.items():
                 states.append(by_id[name])
-    return found
+    return states_by_id
 
 
 def _ids(spec: RunSpec) -> list[str]:

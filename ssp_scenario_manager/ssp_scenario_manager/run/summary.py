@@ -48,17 +48,17 @@ def summary(
     """
     limits = spec.limits
     lines = [f"mode {spec.mode}: {spec.scenario} on {spec.site}, session {spec.session_token}"]
-    heard = connected(spec, facts)
-    why = causes(spec, facts, heard)
+    connections = connected(spec, facts)
+    why = causes(spec, facts, connections)
     for one in (spec.vut, *spec.targets):
         place = "; ".join((_place(spec, one, facts, states.get(one.id)), *why[one.id]))
         lines.append(f"  {one.id}, {_kind(spec, setup, one.id)}: {place}")
     recorder = "ready" if facts.recorder_ready else "not ready"
-    if not heard[names.MONITOR]:
+    if not connections[names.MONITOR]:
         recorder = "not heard"
     camera = ""
-    if names.FRONT_CAMERA in heard:
-        camera = f", camera {'sends' if heard[names.FRONT_CAMERA] else 'silent'}"
+    if names.FRONT_CAMERA in connections:
+        camera = f", camera {'sends' if connections[names.FRONT_CAMERA] else 'silent'}"
     return [
         *lines,
         f"  recorder {recorder}{camera}",
@@ -96,23 +96,25 @@ def strangers(facts: Facts) -> list[tuple[str, str]]:
     return [("strangers", f"can't be armed: {facts.foreign}")] if facts.foreign else []
 
 
-def causes(spec: RunSpec, facts: Facts, heard: Mapping[str, bool]) -> dict[str, tuple[str, ...]]:
+def causes(
+    spec: RunSpec, facts: Facts, connections: Mapping[str, bool]
+) -> dict[str, tuple[str, ...]]:
     """Say of the VUT and of each object why it isn't heard, and what keeps it from being armed.
 
     Args:
         spec: the run.
         facts: what the processes say of receiver and bodies.
-        heard: who is connected.
+        connections: who is connected.
     """
-    found: dict[str, tuple[str, ...]] = {spec.vut.id: ()}
+    reasons_by_id: dict[str, tuple[str, ...]] = {spec.vut.id: ()}
     if facts.vut_refused:
-        found[spec.vut.id] = (f"its GNSS/INS gives no state: {facts.vut_refused}",)
+        reasons_by_id[spec.vut.id] = (f"its GNSS/INS gives no state: {facts.vut_refused}",)
     for target in spec.targets:
         body = facts.bodies.get(target.id, BodyStatus(target.id))
-        why = () if heard[target.id] else body.no_state
-        kept = (text for text in body.cannot_arm if text not in why)
-        found[target.id] = (*why, *(f"can't be armed: {text}" for text in kept))
-    return found
+        why = () if connections[target.id] else body.no_state
+        obstacles = (text for text in body.cannot_arm if text not in why)
+        reasons_by_id[target.id] = (*why, *(f"can't be armed: {text}" for text in obstacles))
+    return reasons_by_id
 
 
 class PromptFacts:
@@ -130,9 +132,9 @@ class PromptFacts:
 
     def news(self, facts: Facts) -> list[str]:
         """List who came or went, and each reason that wasn't shown yet, a line each."""
-        heard = connected(self._spec, facts, self._heard)
-        lines = changes(self._heard, heard)
-        self._heard = heard
+        connections = connected(self._spec, facts, self._heard)
+        lines = changes(self._heard, connections)
+        self._heard = connections
         for who, text in self._all(facts):
             if (cause := _like(who, text)) not in self._causes:
                 self._causes.add(cause)
@@ -140,8 +142,10 @@ class PromptFacts:
         return lines
 
     def _all(self, facts: Facts) -> list[tuple[str, str]]:
-        found = causes(self._spec, facts, self._heard)
-        return [(who, text) for who, texts in found.items() for text in texts] + strangers(facts)
+        reasons_by_id = causes(self._spec, facts, self._heard)
+        return [(who, text) for who, texts in reasons_by_id.items() for text in texts] + strangers(
+            facts
+        )
 
 
 def _like(who: str, text: str) -> tuple[str, str]:

@@ -154,16 +154,16 @@ def with_values(spec: RunSpec, values: dict[str, Any], seed: int) -> RunSpec:
         if isinstance(holder[single], dict | list):
             raise _no_single_field(holder[single], field)
         holder[single] = value
-    shown = ", ".join(f"{field}={value}" for field, value in values.items())
-    return parse_model(RunSpec, data, f"the run with {shown}" if shown else "the run")
+    values_text = ", ".join(f"{field}={value}" for field, value in values.items())
+    return parse_model(RunSpec, data, f"the run with {values_text}" if values_text else "the run")
 
 
 def _value(spec: RunSpec, field: str) -> Any:
     """Return the JSON value of a field of the run."""
-    found: Any = spec.model_dump(mode="json", by_alias=True)
+    json_value: Any = spec.model_dump(mode="json", by_alias=True)
     for key in field.split("."):
-        found = found[_key(found, key, field)]
-    return found
+        json_value = json_value[_key(json_value, key, field)]
+    return json_value
 
 
 def _key(holder: Any, key: str, field: str) -> Any:
@@ -176,9 +176,9 @@ def _key(holder: Any, key: str, field: str) -> Any:
 
 
 def _no_single_field(holder: Any, field: str) -> InputError:
-    known = range(len(holder)) if isinstance(holder, list) else holder
+    keys = range(len(holder)) if isinstance(holder, list) else holder
     single = not isinstance(holder, dict | list)
-    remedy = "see run.yaml" if single else f"there is {', '.join(map(str, known))}"
+    remedy = "see run.yaml" if single else f"there is {', '.join(map(str, keys))}"
     return InputError("is no single field of a run", field=OPTION, value=field, remedy=remedy)
 
 
@@ -253,11 +253,11 @@ class Sweep:
         for run in range(self.runs):
             values = self.values(run)
             for problem in off_route(with_values(self.spec, values, self.spec.seed + run)):
-                shown = ", ".join(f"{field}={value}" for field, value in values.items())
+                values_text = ", ".join(f"{field}={value}" for field, value in values.items())
                 raise InputError(
                     f"run {run}: {problem}",
                     field=OPTION,
-                    value=shown,
+                    value=values_text,
                     remedy="angles are rad; change starts and paths together, and compile for "
                     "another place",
                 )
@@ -349,15 +349,15 @@ def _measured(result: InProcessResult) -> Row:
     return [
         result.verdict.name.lower(),
         result.reasons[0] if result.reasons else "",
-        *map(_shown, phases),
+        *map(_cell_text, phases),
         "" if first is None else str(first).lower(),
-        *map(_shown, numbers),
+        *map(_cell_text, numbers),
     ]
 
 
-def _shown(value: float | None) -> str:
-    kept = rounded(value)
-    return "" if kept is None else str(kept)
+def _cell_text(value: float | None) -> str:
+    number = rounded(value)
+    return "" if number is None else str(number)
 
 
 def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
@@ -384,8 +384,10 @@ def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
             value=spec.plant,
             remedy="leave out --in-process, or give --plant bodies",
         )
-    kept = spec.camera if camera else None
-    return with_conditions_never_met(spec.model_copy(update={"camera": kept, "session_token": ""}))
+    camera_spec = spec.camera if camera else None
+    return with_conditions_never_met(
+        spec.model_copy(update={"camera": camera_spec, "session_token": ""})
+    )
 
 
 # What else result.json says of a run, and why its verdict can't stand; empty: it can.
@@ -422,53 +424,59 @@ def run_one(
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
     if recorded:
         bag = folder / "bag"
-        result, record, told = run_recorded(spec, run_file, bag, console.note, server, answers)
+        result, record, bag_fields = run_recorded(
+            spec, run_file, bag, console.note, server, answers
+        )
     else:
-        (result, record), told = run_in_process(spec, answers=answers), {}
+        (result, record), bag_fields = run_in_process(spec, answers=answers), {}
     more, why = further(spec, result, record)
     if why:
         result = result.failed_for(why)
         if recorded:
-            told["seal"] = leave_verdict(bag, result.verdict, result.reasons, "runner")
-    written = result_json(spec, result) | told | {"compiled_core": core_in_use()} | more
+            bag_fields["seal"] = leave_verdict(bag, result.verdict, result.reasons, "runner")
+    result_fields = result_json(spec, result) | bag_fields | {"compiled_core": core_in_use()} | more
     # Said first: the disk may be full.
-    _say(spec, folder, result, written, as_json)
+    _say(spec, folder, result, result_fields, as_json)
     save_states(folder / "states.npz", spec, record)
-    write_json(folder / RESULT_FILE, written)
-    return written
+    write_json(folder / RESULT_FILE, result_fields)
+    return result_fields
 
 
 def _say(
-    spec: RunSpec, folder: Path, result: InProcessResult, written: dict[str, Any], as_json: bool
+    spec: RunSpec,
+    folder: Path,
+    result: InProcessResult,
+    result_fields: dict[str, Any],
+    as_json: bool,
 ) -> None:
     """Print what a run did."""
-    for line in _told(spec, result):
+    for line in _event_lines(spec, result):
         console.note(line)
     if as_json:
-        click.echo(json.dumps(written))
+        click.echo(json.dumps(result_fields))
     else:
-        shown = shown_gap(written["time_gap_s"])
+        gap_text = shown_gap(result_fields["time_gap_s"])
         console.out.print(
-            f"{spec.scenario} on {spec.site}: {written['verdict']}, {result.session_s:.1f} s of "
-            f"session, {shown}, {folder / RESULT_FILE}",
+            f"{spec.scenario} on {spec.site}: {result_fields['verdict']}, {result.session_s:.1f} s "
+            f"of session, {gap_text}, {folder / RESULT_FILE}",
             markup=False,
         )
         for reason in result.reasons:
             console.out.print(f"  because {reason}", markup=False)
-        warn_of_late_conflict(written)
-        if "driven" in written:
-            say_driven(written["driven"])
+        warn_of_late_conflict(result_fields)
+        if "driven" in result_fields:
+            say_driven(result_fields["driven"])
 
 
-def warn_of_late_conflict(told: Mapping[str, Any]) -> None:
+def warn_of_late_conflict(result_fields: Mapping[str, Any]) -> None:
     """Print that a run's conflict came too long after its trigger.
 
     Args:
-        told: as ``result.json`` has it.
+        result_fields: as ``result.json`` has it.
     """
-    starts = {phase["phase"]: phase["at_s"] for phase in told["phases"] or ()}
-    if found := late_conflict(starts.get("trigger"), starts.get("conflict")):
-        console.out.print(f"  warning: {found}", markup=False)
+    starts = {phase["phase"]: phase["at_s"] for phase in result_fields["phases"] or ()}
+    if warning := late_conflict(starts.get("trigger"), starts.get("conflict")):
+        console.out.print(f"  warning: {warning}", markup=False)
 
 
 def say_driven(driven: dict[str, Any]) -> None:
@@ -477,8 +485,8 @@ def say_driven(driven: dict[str, Any]) -> None:
     Args:
         driven: as ``result.json`` has it.
     """
-    shown = f"  {driven['driver']}: {driven['outcome']} at {driven['outcome_s']:.2f} s"
-    console.out.print(f"{shown}, {driven['why']}", markup=False)
+    heading = f"  {driven['driver']}: {driven['outcome']} at {driven['outcome_s']:.2f} s"
+    console.out.print(f"{heading}, {driven['why']}", markup=False)
     if (measured := driven["measured"]) is not None and not measured["answers"]:
         console.out.print("  L: – (nothing was asked)", markup=False)
     elif measured is not None:
@@ -495,7 +503,7 @@ def say_driven(driven: dict[str, Any]) -> None:
         console.out.print(f"  needless without the event: {driven['needless']}", markup=False)
 
 
-def _told(spec: RunSpec, result: InProcessResult) -> list[str]:
+def _event_lines(spec: RunSpec, result: InProcessResult) -> list[str]:
     """List the events of a run and their times, and requested faults that never came."""
     lines = [
         (p.stamp_ns, f"phase {p.phase.name.lower()} at {ns_to_seconds(p.stamp_ns):.2f} s")
@@ -536,8 +544,8 @@ def run_many(
     sweep = Sweep(spec, variations, runs if runs is not None else combinations(variations))
     sweep.check()
     for variation in variations:
-        shown = " to " if variation.drawn else ", "
-        values = shown.join(f"{value}" for value in variation.values)
+        separator = " to " if variation.drawn else ", "
+        values = separator.join(f"{value}" for value in variation.values)
         was = _value(spec, variation.field)
         console.note(f"changed on site: {variation.field} {was!r} → {values}")
     verdicts: Counter[str] = Counter()

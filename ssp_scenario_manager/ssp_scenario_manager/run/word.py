@@ -188,12 +188,12 @@ class TypedWords:
 
 @contextmanager
 def _unbuffered(fd: int) -> Iterator[None]:
-    kept = termios.tcgetattr(fd)
-    changed = [*kept[:6], list(kept[6])]
+    attributes = termios.tcgetattr(fd)
+    changed = [*attributes[:6], list(attributes[6])]
     changed[3] &= ~termios.ICANON
     changed[6][termios.VMIN], changed[6][termios.VTIME] = 0, 0
     termios.tcsetattr(fd, termios.TCSANOW, changed)
     try:
         yield
     finally:
-        termios.tcsetattr(fd, termios.TCSANOW, kept)
+        termios.tcsetattr(fd, termios.TCSANOW, attributes)

@@ -47,9 +47,9 @@ def vut_lane_indices(event: Event, block: Block) -> list[int]:
 def lanes_of_words(words: tuple[str, ...], count: int) -> list[int]:
     """Return lane indices, from the right, by part T's words in preferred order; no word: all."""
     lanes = range(count)
-    found = {"rightmost": lanes[:1], "leftmost": lanes[-1:], "middle": lanes[1:-1]}
-    chosen = [index for word in words for index in found[word]] if words else list(lanes)
-    return list(dict.fromkeys(chosen))
+    lanes_by_word = {"rightmost": lanes[:1], "leftmost": lanes[-1:], "middle": lanes[1:-1]}
+    indices = [index for word in words for index in lanes_by_word[word]] if words else list(lanes)
+    return list(dict.fromkeys(indices))
 
 
 def neighbour(block: Block, index: int, to_left: bool) -> BlockLane:

@@ -210,7 +210,7 @@ def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
     from_l, to_l = (round(y, 3) for y in _across(event, block, values["kerb_distance"]))
     turn = math.copysign(math.pi / 2.0, to_l - from_l)
     gap = _gap(block, along.start_s_m, vut.front_m, s - half, lane.y_m)
-    told = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
+    choices = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
     gaps = {name: gap}
     targets: dict[str, Drive | Wait] = {name: Wait(BlockPoint(s, from_l), turn)}
     extra = None
@@ -223,7 +223,7 @@ def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
             block, along.start_s_m, vut.front_m, place.s_m - size.rear_m, lane.y_m
         )
         field = f"participants.{occluder}.region.gap"
-        told[occluder] = fixed(event, field, "m", gaps[occluder], "hides who crosses")
+        choices[occluder] = fixed(event, field, "m", gaps[occluder], "hides who crosses")
         extra = partial(hidden_at_the_trigger, name, occluder)
     return Draft(
         vut=Drive(
@@ -243,7 +243,7 @@ def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
             not_before_s=round(0.5 * along.fires_s, 1),
         ),
         extra=extra,
-        chosen=chosen(told, gaps),
+        chosen=chosen(choices, gaps),
     )
 
 
@@ -262,16 +262,18 @@ def _parked(event: Event, block: Block, size: Size, front_s_m: float, lane_m: fl
     return BlockPoint(round(front_s_m - size.front_m, 3), round(y, 3))
 
 
-def hidden_at_the_trigger(name: str, occluder: str, _: Motions, seen: Prediction) -> list[str]:
+def hidden_at_the_trigger(
+    name: str, occluder: str, _: Motions, prediction: Prediction
+) -> list[str]:
     """List the reasons why the occluder doesn't hide the crosser when the trigger fires."""
-    states = {state.object_id: state for state in seen.targets_fired}
+    states = {state.object_id: state for state in prediction.targets_fired}
     eye_m = Camera().forward_m
-    if is_hidden(seen.vut_fired, states[name], states[occluder], eye_m):
+    if is_hidden(prediction.vut_fired, states[name], states[occluder], eye_m):
         return []
 
     def nearest_m(who: str) -> float:
         corners = states[who].box.corners()
-        return min(abs(seen.vut_fired.pose.to_local(*corner)[1]) for corner in corners)
+        return min(abs(prediction.vut_fired.pose.to_local(*corner)[1]) for corner in corners)
 
     return [
         f"{occluder} doesn't hide {name} from the VUT when the trigger fires: {name} stands "

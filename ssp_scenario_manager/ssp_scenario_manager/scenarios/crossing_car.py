@@ -36,20 +36,20 @@ def crossings(event: Event, block: Block, routes: Mapping[str, Block]) -> list[C
     Raises:
         CannotPlace: there is none.
     """
-    side, found = side_of(event), []
+    side, candidates = side_of(event), []
     for conflict, other, passage in met_by(block, routes):
         straight = abs(passage.turn_rad) < STRAIGHT_ON_RAD
         across = is_crossing(wrap_angle(conflict.angle_rad))
         if straight and across and conflict.comes_from == side:
-            found.append((conflict, other, passage))
-    if not found:
+            candidates.append((conflict, other, passage))
+    if not candidates:
         raise CannotPlace(f"0 routes of its junction cross it straight on from the {side}, needs 1")
-    return found
+    return candidates
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:
-    found = crossings(setting.event, setting.block, setting.routes)
-    return plans_with(setting, found, RouteMotion(_AHEAD_S))
+    candidates = crossings(setting.event, setting.block, setting.routes)
+    return plans_with(setting, candidates, RouteMotion(_AHEAD_S))
 
 
 CROSSING_CAR = Kind(

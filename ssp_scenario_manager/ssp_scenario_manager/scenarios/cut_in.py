@@ -74,10 +74,10 @@ def _start_gap(event: Event, closing_mps: float, wanted_m: float) -> float:
     Raises:
         CannotPlace: then VUT and initiator aren't both at cruise speed before the trigger.
     """
-    asked = quantity_at(event, f"participants.{event.interaction.initiator}.region.gap")
-    if not isinstance(asked, Interval):
+    gap_quantity = quantity_at(event, f"participants.{event.interaction.initiator}.region.gap")
+    if not isinstance(gap_quantity, Interval):
         return wanted_m
-    gap = asked.si.nearest(wanted_m)
+    gap = gap_quantity.si.nearest(wanted_m)
     hold = HOLD_S + (gap - wanted_m) / closing_mps
     if hold < LEAST_HOLD_S:
         raise CannotPlace(
@@ -157,10 +157,10 @@ def choices(setting: Setting) -> dict[str, Choice]:
     }
 
 
-def reach(made: Draft, seen: Prediction) -> float:
+def reach(trial_draft: Draft, prediction: Prediction) -> float:
     """Return how far the initiator drives while it comes over, m."""
-    act = made.trigger.act
-    return seen.initiator_fired_mps * act.duration_s if isinstance(act, LaneChange) else 0.0
+    act = trial_draft.trigger.act
+    return prediction.initiator_fired_mps * act.duration_s if isinstance(act, LaneChange) else 0.0
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:

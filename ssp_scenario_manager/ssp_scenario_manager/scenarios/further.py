@@ -77,14 +77,14 @@ def further_choices(setting: Setting) -> dict[str, Choice]:
     Raises:
         CannotPlace: one is unresolved, or outside of what the place allows.
     """
-    event, found = setting.event, dict[str, Choice]()
+    event, choices = setting.event, dict[str, Choice]()
     fastest = vehicle_speed_limit(event, setting.limits, setting.block)
     for name in further_ids(event):
         gap, speed = _fields(name)
-        found[gap] = choose(event, gap, "m", setting.preferred)
+        choices[gap] = choose(event, gap, "m", setting.preferred)
         if not stands(event, name):
-            found[speed] = choose(event, speed, "m/s", setting.preferred, at_most=fastest)
-    return found
+            choices[speed] = choose(event, speed, "m/s", setting.preferred, at_most=fastest)
+    return choices
 
 
 def further_motions(

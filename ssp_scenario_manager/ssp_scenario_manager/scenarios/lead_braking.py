@@ -100,12 +100,12 @@ def _plans(setting: Setting) -> Iterator[Plan]:
         ),
     }
 
-    def reach(draft: Draft, seen: Prediction) -> float:
+    def reach(draft: Draft, prediction: Prediction) -> float:
         """Return how far it drives while it brakes."""
         act = draft.trigger.act
         if not isinstance(act, Brake):
             return 0.0
-        spread = seen.initiator_fired_mps**2 - act.to_mps**2
+        spread = prediction.initiator_fired_mps**2 - act.to_mps**2
         return max(spread, 0.0) / (2.0 * act.deceleration_mps2)
 
     return plans_in_lane(setting, LEAD_BRAKING.observable, choices, partial(_draft, setting), reach)

@@ -42,7 +42,7 @@ def ramps(event: Event, block: Block, routes: Mapping[str, Block]) -> list[Cross
     Raises:
         CannotPlace: there is none.
     """
-    side, found, refused = side_of(event), [], []
+    side, crossings, refused = side_of(event), [], []
     for conflict, other, passage in met_by(block, routes, "merge"):
         if conflict.comes_from != side:
             continue
@@ -62,25 +62,25 @@ def ramps(event: Event, block: Block, routes: Mapping[str, Block]) -> list[Cross
                     "1/m: the VUT would come from the lane that ends"
                 )
             else:
-                found.append((conflict, other, passage))
+                crossings.append((conflict, other, passage))
         elif own_rad >= its_rad:
             refused.append(
                 f"one turns by {math.degrees(its_rad):.0f} deg, and the VUT by "
                 f"{math.degrees(own_rad):.0f} deg: the VUT would come over the ramp"
             )
         else:
-            found.append((conflict, other, passage))
-    if not found:
+            crossings.append((conflict, other, passage))
+    if not crossings:
         raise CannotPlace(
             f"0 of {len(refused)} routes that join it from the {side} come over a ramp, at less "
             "than 45 deg; needs 1" + "".join(f"; {one}" for one in refused)
         )
-    return found
+    return crossings
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:
-    found = ramps(setting.event, setting.block, setting.routes)
-    return plans_with(setting, found, _ROUTE_MOTION)
+    crossings = ramps(setting.event, setting.block, setting.routes)
+    return plans_with(setting, crossings, _ROUTE_MOTION)
 
 
 MERGE = Kind(

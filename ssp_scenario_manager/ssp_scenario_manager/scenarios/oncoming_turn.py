@@ -37,19 +37,19 @@ def turns(block: Block, routes: Mapping[str, Block]) -> list[Crossing]:
     Raises:
         CannotPlace: there is none.
     """
-    found = []
+    crossings = []
     for conflict, other, passage in met_by(block, routes):
         own = block.line.pose(conflict.s_m).yaw_rad
         comes = other.line.pose(passage.start_s_m).yaw_rad
         opposite = comes_against(own, comes)
         if opposite and passage.turn_rad >= STRAIGHT_ON_RAD and conflict.comes_from == "left":
-            found.append((conflict, other, passage))
-    if not found:
+            crossings.append((conflict, other, passage))
+    if not crossings:
         raise CannotPlace(
             "0 routes of its junction come the opposite way and turn across it by at least "
             f"{math.degrees(STRAIGHT_ON_RAD):.0f} deg, needs 1"
         )
-    return found
+    return crossings
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:

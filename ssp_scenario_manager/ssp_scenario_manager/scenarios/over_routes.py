@@ -203,8 +203,8 @@ def _speed_limit(
         acceleration_limit(event, limits),
     )
     in_bend = bend_speed_mps(route, *span_m, most_mps2)
-    wanted = quantity_at(event, field)
-    least_mps = wanted.si.low if isinstance(wanted, Interval) else 0.0
+    quantity = quantity_at(event, field)
+    least_mps = quantity.si.low if isinstance(quantity, Interval) else 0.0
     if in_bend < min(least_mps, fastest):
         raise CannotPlace(
             f"the way of {who} bends so much that {most_mps2:g} m/s^2 sideways allow "
@@ -309,7 +309,7 @@ def _draft(
     anchor_s = near_s if conflict.kind == "merge" else conflict.s_m
     start = _vut_start(setting, v, below, anchor_s)
     gap = station_of(block, start.s_m, near_s, 0.0) - vut.front_m
-    told = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
+    choices = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
     return Draft(
         vut=Drive(
             start,
@@ -335,7 +335,7 @@ def _draft(
             ),
             not_before_s=round(0.5 * (cruise_reached_s(v, rate) + HOLD_S), 1),
         ),
-        chosen=chosen(told, {name: gap}),
+        chosen=chosen(choices, {name: gap}),
     )
 
 
@@ -420,18 +420,25 @@ def _thresholds(
     event, as_it_is = setting.event, choices["below"]
     for values in islice(combinations(choices), MOST_DRAFTED):
         try:
-            made = draft(values)
+            first_draft = draft(values)
         except CannotPlace:
             continue
         break
     else:
         return [as_it_is]
-    told = motions(
-        setting.block.line, classes_of(event), event.vut_id, made.vut, made.targets, made.trigger
+    plan_motions = motions(
+        setting.block.line,
+        classes_of(event),
+        event.vut_id,
+        first_draft.vut,
+        first_draft.targets,
+        first_draft.trigger,
     )
-    steady = told.driver.model_copy(update={"reacts": False})
-    seen = predict(replace(told, driver=steady), "lateral", thresholds_of(event))
-    least_s = round(values["below"] - (seen.vut_arrival_s - seen.overlap_s) + ahead_s, 2)
+    steady = plan_motions.driver.model_copy(update={"reacts": False})
+    prediction = predict(replace(plan_motions, driver=steady), "lateral", thresholds_of(event))
+    least_s = round(
+        values["below"] - (prediction.vut_arrival_s - prediction.overlap_s) + ahead_s, 2
+    )
     if not math.isfinite(least_s):
         return [as_it_is]
     first = choose(event, _BELOW, "s", {_BELOW: least_s})
@@ -443,13 +450,13 @@ def _thresholds(
 
 
 def plans_with(
-    setting: Setting, found: Sequence[Crossing], route_motion: RouteMotion
+    setting: Setting, crossings: Sequence[Crossing], route_motion: RouteMotion
 ) -> Iterator[Plan]:
     """Yield the plans in which the vehicle comes over the first route of these that it can.
 
     Args:
         setting: event, block and limits.
-        found: the routes that it may come over, where they cross the block.
+        crossings: the routes that it may come over, where they cross the block.
         route_motion: of the vehicle over its route.
 
     Raises:
@@ -459,15 +466,15 @@ def plans_with(
     if block.lanes.index(next(x for x in block.lanes if x.y_m == 0.0)) not in [
         block.lanes.index(block.forward_lanes[i]) for i in vut_lane_indices(event, block)
     ]:
-        wanted = " or ".join(event.topology.vut_lane.words)
-        raise CannotPlace(f"it goes on from a lane that is not the {wanted} one")
+        lane_words = " or ".join(event.topology.vut_lane.words)
+        raise CannotPlace(f"it goes on from a lane that is not the {lane_words} one")
     refused: list[CannotPlace] = []
-    for crossing in found:
+    for crossing in crossings:
         try:
             yield from _plans_over(setting, crossing, route_motion)
         except CannotPlace as error:
             refused.append(error)
-    if len(refused) == len(found):
+    if len(refused) == len(crossings):
         raise refused[0]
 
 

@@ -60,41 +60,45 @@ from ssp_scenario_manager.scenarios.values import (
 )
 
 
-def judge(event: Event, limits: Limits, told: Motions, seen: Prediction) -> list[str]:
+def judge(event: Event, limits: Limits, plan_motions: Motions, prediction: Prediction) -> list[str]:
     """List what is wrong with a plan that was looked ahead; empty: it goes as K* says."""
     c = event.constraints
     wrong = []
-    if seen.early_conflict:
+    if prediction.early_conflict:
         wrong.append("the conflict begins before the trigger")
-    if seen.trigger_s is None:
+    if prediction.trigger_s is None:
         wrong.append("the manoeuvre never becomes observable")
-    if seen.conflict_s is None:
+    if prediction.conflict_s is None:
         wrong.append(
             "no conflict comes: TTC and arrival gap stay above their thresholds (least TTC "
-            f"{seen.least_ttc_s:.2f} s)"
+            f"{prediction.least_ttc_s:.2f} s)"
         )
-    if seen.resolution_s is None and seen.conflict_s is not None:
+    if prediction.resolution_s is None and prediction.conflict_s is not None:
         wrong.append("the conflict isn't resolved")
     least_s, most_s = wanted_passing(event).bounds_s
-    comes = not math.isinf(seen.vut_arrival_s)
-    if comes and not Span(least_s, most_s).holds(seen.time_gap_s):
+    comes = not math.isinf(prediction.vut_arrival_s)
+    if comes and not Span(least_s, most_s).holds(prediction.time_gap_s):
         wrong.append(
-            f"the time gap at the conflict point would be {seen.time_gap_s:.2f} s, K* wants "
+            f"the time gap at the conflict point would be {prediction.time_gap_s:.2f} s, K* wants "
             f"{least_s:g} to {most_s:g} s"
         )
     low, high = speed_bounds(event, event.vut_id, ("approach", "trigger"))
     # A driver nears its cruise speed slowly.
-    if not low * CRUISE_SHARE <= seen.fired_speed_mps <= high + 1e-9:
+    if not low * CRUISE_SHARE <= prediction.fired_speed_mps <= high + 1e-9:
         wrong.append(
-            f"the VUT would drive {seen.fired_speed_mps:.1f} m/s at the trigger, K* wants "
+            f"the VUT would drive {prediction.fired_speed_mps:.1f} m/s at the trigger, K* wants "
             f"{low:g} to {high:g} m/s"
         )
     least = max(limits.separation_m, c.safety.separation.si.low)
-    if seen.separation_m <= least:
-        wrong.append(f"VUT and target come within {seen.separation_m:.2f} m, limit is {least:g} m")
-    path = Polyline(told.vut.approach.path) if told.vut.approach is not None else None
-    needed = seen.vut_station_end_m + stopping_m(
-        seen.vut_end_mps, told.driver.comfortable_deceleration_mps2
+    if prediction.separation_m <= least:
+        wrong.append(
+            f"VUT and target come within {prediction.separation_m:.2f} m, limit is {least:g} m"
+        )
+    path = (
+        Polyline(plan_motions.vut.approach.path) if plan_motions.vut.approach is not None else None
+    )
+    needed = prediction.vut_station_end_m + stopping_m(
+        prediction.vut_end_mps, plan_motions.driver.comfortable_deceleration_mps2
     )
     if path is not None and needed > path.length_m:
         wrong.append(
@@ -104,9 +108,9 @@ def judge(event: Event, limits: Limits, told: Motions, seen: Prediction) -> list
     other = event.interaction.initiator
     wrong += [
         f"{one.text(thresholds_of(event))}, and the conflict is {other}'s"
-        for one in seen.intrusions
+        for one in prediction.intrusions
     ]
-    near = seen.nearest
+    near = prediction.nearest
     if near is not None and further_ids(event) and near.distance_m <= least:
         wrong.append(
             f"{near.first} and {near.second} come within {near.distance_m:.2f} m at "
@@ -114,7 +118,7 @@ def judge(event: Event, limits: Limits, told: Motions, seen: Prediction) -> list
         )
     end = EndCondition()
     longest = min(c.safety.duration.si.high, end.at_latest_s)
-    ends = (seen.resolution_s or 0.0) + end.after_resolution_s
+    ends = (prediction.resolution_s or 0.0) + end.after_resolution_s
     if ends > longest:
         wrong.append(f"the run takes {ends:.0f} s, limit is {longest:g} s")
     return wrong
@@ -152,30 +156,32 @@ BODY_MPS2: dict[ObjectWord, tuple[float, float]] = {
 _SHARE_OF_LIMIT = 0.9
 
 
-def _routine(told: Motions, seen: Prediction) -> PlannedMotion | None:
+def _routine(plan_motions: Motions, prediction: Prediction) -> PlannedMotion | None:
     """Return the initiator's manoeuvre from where it is when the trigger fires."""
-    trigger, path = told.trigger, told.vut.approach
-    target = told.target(told.initiator_id)
+    trigger, path = plan_motions.trigger, plan_motions.vut.approach
+    target = plan_motions.target(plan_motions.initiator_id)
     if path is None or isinstance(trigger.manoeuvre, Hold) or trigger.object_id != target.id:
         return None
 
     before = None
     if target.approach is not None:
         before = approach_reference(foreseen_address(target.id, APPROACH_LEAD_S), target.approach)
-    state = next(s for s in seen.targets_fired if s.object_id == target.id)
+    state = next(s for s in prediction.targets_fired if s.object_id == target.id)
     manoeuvre = manoeuvre_reference(
-        foreseen_address(target.id, seen.fired_s + trigger.lead_time_s),
+        foreseen_address(target.id, prediction.fired_s + trigger.lead_time_s),
         trigger.manoeuvre,
         state,
         before,
         target.approach,
     )
-    fired_ns = seconds_to_ns(seen.fired_s)
-    return planned_motion_of(before, manoeuvre, fired_ns, target, told.vut, Polyline(path.path))
+    fired_ns = seconds_to_ns(prediction.fired_s)
+    return planned_motion_of(
+        before, manoeuvre, fired_ns, target, plan_motions.vut, Polyline(path.path)
+    )
 
 
 def gap_before_response_s(
-    told: Motions, seen: Prediction, *, initiator_first: bool
+    plan_motions: Motions, prediction: Prediction, *, initiator_first: bool
 ) -> float | None:
     """Return second arrival minus first departure (METHOD 1), with a VUT that keeps its speed.
 
@@ -183,17 +189,19 @@ def gap_before_response_s(
         s, rounded to 1 ms; None where the initiator's manoeuvre doesn't lead it into the VUT's
         corridor.
     """
-    planned_motion = _routine(told, seen)
-    if planned_motion is None or told.vut.approach is None:
+    planned_motion = _routine(plan_motions, prediction)
+    if planned_motion is None or plan_motions.vut.approach is None:
         return None
-    path = Polyline(told.vut.approach.path)
-    track = follow_vut(None, seen.vut_fired, path)
-    gap = foreseen_gap_s(planned_motion, track, told.vut.size, initiator_first=initiator_first)
+    path = Polyline(plan_motions.vut.approach.path)
+    track = follow_vut(None, prediction.vut_fired, path)
+    gap = foreseen_gap_s(
+        planned_motion, track, plan_motions.vut.size, initiator_first=initiator_first
+    )
     return round(gap, 3)
 
 
 def adaptation_of(
-    told: Motions,
+    plan_motions: Motions,
     gap_s: float | None,
     *,
     initiator_first: bool,
@@ -203,7 +211,7 @@ def adaptation_of(
     """Make the adaptation that lets a run's trigger keep the gap; None where there is none to keep.
 
     Args:
-        told: the motions, with the trigger.
+        plan_motions: the motions, with the trigger.
         gap_s: as ``gap_before_response_s`` gives it.
         initiator_first: the initiator is to pass first.
         anchor: the conflict point, where it doesn't move with the place of the trigger.
@@ -211,7 +219,7 @@ def adaptation_of(
     """
     if gap_s is None:
         return None
-    up, down = BODY_MPS2[told.target(told.trigger.object_id).object_class]
+    up, down = BODY_MPS2[plan_motions.target(plan_motions.trigger.object_id).object_class]
     most = round(_SHARE_OF_LIMIT * most_mps2, 3)
     return Adaptation(
         anchor=anchor,
@@ -266,68 +274,75 @@ def plans_on(
     """
     event, block, thresholds = setting.event, setting.block, thresholds_of(setting.event)
     choices = {**choices, **further_choices(setting)}
-    first_reason, looked, found = "", 0, False
+    first_reason, looked, has_plan = "", 0, False
     for values in itertools.islice(combinations(choices), MOST_DRAFTED):
         try:
-            made = _with_further(setting, draft(values), values)
-            told = motions(
-                block.line, classes_of(event), event.vut_id, made.vut, made.targets, made.trigger
+            trial_draft = _with_further(setting, draft(values), values)
+            plan_motions = motions(
+                block.line,
+                classes_of(event),
+                event.vut_id,
+                trial_draft.vut,
+                trial_draft.targets,
+                trial_draft.trigger,
             )
             looked += 1
-            steady = told.driver.model_copy(update={"reacts": False})
-            still = predict(replace(told, driver=steady), observable, thresholds)
+            steady = plan_motions.driver.model_copy(update={"reacts": False})
+            still = predict(replace(plan_motions, driver=steady), observable, thresholds)
             reasons = wrong_order(event, still)
             if not reasons:
-                seen = predict(told, observable, thresholds)
-                reasons = judge(event, setting.limits, told, seen)
-            if not reasons and made.extra is not None:
-                reasons = made.extra(told, seen)
+                prediction = predict(plan_motions, observable, thresholds)
+                reasons = judge(event, setting.limits, plan_motions, prediction)
+            if not reasons and trial_draft.extra is not None:
+                reasons = trial_draft.extra(plan_motions, prediction)
         except CannotPlace as error:
             reasons = [str(error)]
-            made = None
-        if made is not None and not reasons:
-            conflict = _on_block(block, made.vut, seen.conflict_station_m)
-            found = True
+            trial_draft = None
+        if trial_draft is not None and not reasons:
+            conflict = _on_block(block, trial_draft.vut, prediction.conflict_station_m)
+            has_plan = True
             yield Plan(
-                vut=made.vut,
-                targets=made.targets,
-                trigger=_ending(made.trigger, seen),
+                vut=trial_draft.vut,
+                targets=trial_draft.targets,
+                trigger=_ending(trial_draft.trigger, prediction),
                 conflict=conflict,
-                zone=zone(made, seen, conflict),
-                expected=_on_block(block, made.vut, seen.fired_station_m),
-                chosen={**chosen(choices, values), **(made.chosen or {})},
+                zone=zone(trial_draft, prediction, conflict),
+                expected=_on_block(block, trial_draft.vut, prediction.fired_station_m),
+                chosen={**chosen(choices, values), **(trial_draft.chosen or {})},
                 at_most={
                     choice.field: choice.at_most
                     for choice in choices.values()
                     if math.isfinite(choice.at_most)
                 },
-                gap_s=gap_before_response_s(told, seen, initiator_first=initiator_first(event)),
+                gap_s=gap_before_response_s(
+                    plan_motions, prediction, initiator_first=initiator_first(event)
+                ),
             )
         first_reason = first_reason or "; ".join(reasons)
         if looked >= MOST_FORESEEN:
             break
-    if not found:
+    if not has_plan:
         raise CannotPlace(first_reason)
 
 
-def _with_further(setting: Setting, made: Draft, values: Mapping[str, float]) -> Draft:
+def _with_further(setting: Setting, draft: Draft, values: Mapping[str, float]) -> Draft:
     """Return a draft with the further participants.
 
     Raises:
         CannotPlace: one has no place, or two would start too near to each other.
     """
-    targets = {**made.targets, **further_motions(setting, made.vut, values)}
-    for reason in starts_apart(setting.event, made.vut, targets):
+    targets = {**draft.targets, **further_motions(setting, draft.vut, values)}
+    for reason in starts_apart(setting.event, draft.vut, targets):
         raise CannotPlace(reason)
-    return replace(made, targets=targets)
+    return replace(draft, targets=targets)
 
 
-def _ending(trigger: Trigger, seen: Prediction) -> Trigger:
+def _ending(trigger: Trigger, prediction: Prediction) -> Trigger:
     """Return the trigger, with an act after which the initiator drives on to the event's end."""
     act = trigger.act
-    if isinstance(act, Cross | Hold) or seen.resolution_s is None:
+    if isinstance(act, Cross | Hold) or prediction.resolution_s is None:
         return trigger
-    run_out_s = round(seen.resolution_s + AFTER_S + RUN_OUT_S - seen.fired_s, 1)
+    run_out_s = round(prediction.resolution_s + AFTER_S + RUN_OUT_S - prediction.fired_s, 1)
     return replace(trigger, act=act.model_copy(update={"run_out_s": run_out_s}))
 
 
@@ -354,9 +369,11 @@ def plans_in_lane(
     half = corridor_half_m(size_of(event, event.vut_id).width_m)
     length = size_of(event, event.interaction.initiator).length_m
 
-    def zone(made: Draft, seen: Prediction, conflict: BlockPoint) -> tuple[BlockPoint, ...]:
+    def zone(
+        trial_draft: Draft, prediction: Prediction, conflict: BlockPoint
+    ) -> tuple[BlockPoint, ...]:
         s, y = conflict.s_m, conflict.l_m
-        end = min(s + length + reach(made, seen), block.length_m)
+        end = min(s + length + reach(trial_draft, prediction), block.length_m)
         return rectangle(s, end, y - half, y + half)
 
     return plans_on(setting, observable, choices, draft, zone)

@@ -111,16 +111,18 @@ class Players:
     def advance(self, vut: ObjectState, others: Sequence[ObjectState], dt_s: float) -> None:
         """Move the VUT on as its driver would, who reacts to the others or doesn't."""
         driver, v = self.plan.driver, self.speed_mps
-        wanted = free_acceleration(v, driver)
+        acceleration_mps2 = free_acceleration(v, driver)
         if self._priority:
             front = self.station_m + self.plan.vut.size.front_m
-            given = self._priority.decide(front, v, others, driver)
-            others = [other for other in others if other.object_id not in given.heeded]
-            wanted = min(wanted, given.most_mps2)
-        for seen in find_obstacles(vut, others, self.path, driver) if driver.reacts else ():
-            gap, speed, gain = seen.gap_m, seen.speed_mps, seen.acceleration_mps2
-            wanted = min(wanted, following_acceleration(v, gap, speed, gain, driver))
-        faster = max(v + wanted * dt_s, 0.0)
+            decision = self._priority.decide(front, v, others, driver)
+            others = [other for other in others if other.object_id not in decision.heeded]
+            acceleration_mps2 = min(acceleration_mps2, decision.most_mps2)
+        for obstacle in find_obstacles(vut, others, self.path, driver) if driver.reacts else ():
+            gap, speed, gain = obstacle.gap_m, obstacle.speed_mps, obstacle.acceleration_mps2
+            acceleration_mps2 = min(
+                acceleration_mps2, following_acceleration(v, gap, speed, gain, driver)
+            )
+        faster = max(v + acceleration_mps2 * dt_s, 0.0)
         self.station_m += 0.5 * (v + faster) * dt_s
         self.speed_mps = faster
 
@@ -261,9 +263,9 @@ def predict(plan: Motions, observable: Observable, thresholds: ConflictThreshold
         subject, meeting = next((o, m) for o, m in meetings if o.object_id == initiator.id)
         conflict = is_conflict(meeting, thresholds.ttc_s, thresholds.arrival_gap_s)
         for other, its in meetings:
-            found = intrusion_of(other.object_id, t, its, thresholds)
-            if found is not None and other.object_id != initiator.id:
-                intrusions.setdefault(found.object_id, found)
+            intrusion = intrusion_of(other.object_id, t, its, thresholds)
+            if intrusion is not None and other.object_id != initiator.id:
+                intrusions.setdefault(intrusion.object_id, intrusion)
         nearest = _nearer(nearest, others, t)
         if fired is None:
             early = early or conflict
@@ -324,8 +326,8 @@ def _is_over(instants: list[_Instant], t_s: float) -> bool:
     last = next((i for i in reversed(instants) if i.conflict), None)
     if last is None:
         # A vehicle may come a long way before what it does shows (METHOD 1).
-        shown = next((i.t_s for i in instants if i.observable), instants[0].t_s)
-        return t_s - shown > NO_CONFLICT_S
+        observable_s = next((i.t_s for i in instants if i.observable), instants[0].t_s)
+        return t_s - observable_s > NO_CONFLICT_S
     if t_s - last.t_s < AFTER_S:
         return False
     first = next((i for i in instants if i.meeting.in_corridor), None)

@@ -51,22 +51,22 @@ def circulating(event: Event, block: Block, routes: Mapping[str, Block]) -> list
     Raises:
         CannotPlace: there is none.
     """
-    side, found = side_of(event), []
+    side, crossings = side_of(event), []
     for conflict, other, passage in met_by(block, routes, turns=True):
         beside = not is_crossing(conflict.angle_rad) and conflict.comes_from == side
         if beside and _run_together(block, other, conflict):
-            found.append((conflict, other, passage))
-    if not found:
+            crossings.append((conflict, other, passage))
+    if not crossings:
         raise CannotPlace(
             f"0 routes of its junction come from the {side}, share a ring with it, and leave it "
             "before it does; needs 1"
         )
-    return sorted(found, key=lambda crossing: len(crossing[2].via))
+    return sorted(crossings, key=lambda crossing: len(crossing[2].via))
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:
-    found = circulating(setting.event, setting.block, setting.routes)
-    return plans_with(setting, found, _ROUTE_MOTION)
+    crossings = circulating(setting.event, setting.block, setting.routes)
+    return plans_with(setting, crossings, _ROUTE_MOTION)
 
 
 ROUNDABOUT = Kind(

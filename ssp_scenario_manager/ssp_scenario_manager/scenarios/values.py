@@ -68,11 +68,11 @@ def choose(
         CannotPlace: it is unresolved or missing, has no side, or lies outside of what the place
             allows.
     """
-    found = quantity_at(event, field)
-    if not isinstance(found, Interval):
-        state = "missing" if found is None else found
+    quantity = quantity_at(event, field)
+    if not isinstance(quantity, Interval):
+        state = "missing" if quantity is None else quantity
         raise CannotPlace(f"{field} is {state}; it needs an interval in {unit}")
-    span = found.si
+    span = quantity.si
     if math.isinf(span.mid):
         raise CannotPlace(f"{field} has neither min nor max")
     low, high = max(span.low, at_least), min(span.high, at_most)
@@ -96,7 +96,7 @@ def choose(
     values = [first]
     for share in sorted(_SPREAD, key=lambda share: abs(low + share * (high - low) - first)):
         value = low + share * (high - low)
-        if all(abs(value - known) > 1e-9 for known in values):
+        if all(abs(value - other) > 1e-9 for other in values):
             values.append(value)
     return Choice(field, unit, tuple(values), why, at_most)
 
@@ -125,10 +125,10 @@ def fixed(event: Event, field: str, unit: str, value: float, why: str) -> Choice
     Raises:
         CannotPlace: it doesn't.
     """
-    found = quantity_at(event, field)
-    if isinstance(found, Interval) and not found.si.holds(value):
+    quantity = quantity_at(event, field)
+    if isinstance(quantity, Interval) and not quantity.si.holds(value):
         raise CannotPlace(
-            f"{field} would be {value:.2f} {unit}, which is not within {_ends(found.si)} {unit}"
+            f"{field} would be {value:.2f} {unit}, which is not within {_ends(quantity.si)} {unit}"
         )
     return Choice(field, unit, (value,), why)
 
@@ -162,13 +162,13 @@ def chosen(
     choices: Mapping[str, Choice], values: Mapping[str, float]
 ) -> dict[str, tuple[float, str, str]]:
     """Return the chosen values as a plan states them: (value, unit, why) by field."""
-    told = {}
+    entries = {}
     for name, choice in choices.items():
         why = choice.why
         if values[name] != choice.values[0]:
             why = f"{choice.values[0]:g} {choice.unit} ({why}) doesn't work here"
-        told[choice.field] = (round(values[name], 6), choice.unit, why)
-    return told
+        entries[choice.field] = (round(values[name], 6), choice.unit, why)
+    return entries
 
 
 # Accelerations of an approach, m/s^2, for those who can't do the usual.
@@ -216,9 +216,11 @@ def vehicle_speed_limit(event: Event, limits: Limits, block: Block) -> float:
 
 def speed_bounds(event: Event, name: str, phases: tuple[str, ...]) -> tuple[float, float]:
     """Return a participant's largest minimum and smallest maximum speed over phases, m/s."""
-    known = event.constraints.speeds.get(name, {})
-    found = [q.si for phase, q in known.items() if phase in phases and isinstance(q, Interval)]
-    return max([0.0, *(q.low for q in found)]), min([math.inf, *(q.high for q in found)])
+    speeds_by_phase = event.constraints.speeds.get(name, {})
+    spans = [
+        q.si for phase, q in speeds_by_phase.items() if phase in phases and isinstance(q, Interval)
+    ]
+    return max([0.0, *(q.low for q in spans)]), min([math.inf, *(q.high for q in spans)])
 
 
 def initiator_first(event: Event) -> bool:

@@ -36,18 +36,18 @@ def oncoming(block: Block, routes: Mapping[str, Block]) -> list[Crossing]:
     Raises:
         CannotPlace: there is none.
     """
-    found = []
+    crossings = []
     for conflict, other, passage in met_by(block, routes, turns=True):
         own = block.line.pose(turning_left(block).start_s_m).yaw_rad
         comes = other.line.pose(passage.start_s_m).yaw_rad
         opposite = comes_against(own, comes)
         if opposite and abs(passage.turn_rad) < STRAIGHT_ON_RAD:
-            found.append((conflict, other, passage))
-    if not found:
+            crossings.append((conflict, other, passage))
+    if not crossings:
         raise CannotPlace(
             "0 routes of its junction come the opposite way and go straight on across it, needs 1"
         )
-    return found
+    return crossings
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:

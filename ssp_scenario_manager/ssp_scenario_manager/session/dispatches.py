@@ -129,8 +129,8 @@ class Dispatches:
         if reference is None:
             return None
         if accepted:
-            known = self._accepted.get(reference.object_id)
-            if known is None or reference.dispatched_ns >= known.dispatched_ns:
+            last_reference = self._accepted.get(reference.object_id)
+            if last_reference is None or reference.dispatched_ns >= last_reference.dispatched_ns:
                 self._accepted[reference.object_id] = reference
         fatal = not accepted and is_fatal(reference, code)
         if reference.purpose == ADAPTED and not fatal:

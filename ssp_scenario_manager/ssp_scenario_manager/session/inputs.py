@@ -104,8 +104,8 @@ class StepInputs:
 
     def take_reported(self) -> list[Violation]:
         """Take out the violations that others saw, in an order of their own."""
-        taken, self._reported = self._reported, []
-        return sorted(taken, key=lambda v: (v.stamp_ns, v.code, v.object_id))
+        violations, self._reported = self._reported, []
+        return sorted(violations, key=lambda v: (v.stamp_ns, v.code, v.object_id))
 
 
 class PendingStates:
@@ -120,8 +120,8 @@ class PendingStates:
 
     def take(self) -> list[tuple[bytes, int]]:
         """Return the messages with their arrivals, and forget them."""
-        taken, self._waiting = self._waiting, []
-        return taken
+        messages, self._waiting = self._waiting, []
+        return messages
 
     def newest(self, object_id: str) -> ObjectState | None:
         """Return an object's state that arrived last; None: none waits, or none can be read."""
@@ -134,21 +134,21 @@ class PendingStates:
                 return state
         return None
 
-    def over(self, known: Mapping[str, ObjectState]) -> Mapping[str, ObjectState]:
+    def over(self, states: Mapping[str, ObjectState]) -> Mapping[str, ObjectState]:
         """Return the newest states by id, of those that wait and those that were taken in."""
-        return _Over(known, self) if self._waiting else known
+        return _Over(states, self) if self._waiting else states
 
 
 class _Over(Mapping[str, ObjectState]):
     """States that wait before those that are known; an older one doesn't replace a newer one."""
 
-    def __init__(self, known: Mapping[str, ObjectState], arrivals: PendingStates) -> None:
-        self._known = known
+    def __init__(self, states: Mapping[str, ObjectState], arrivals: PendingStates) -> None:
+        self._known = states
         self._arrivals = arrivals
 
     def __getitem__(self, object_id: str) -> ObjectState:
-        known, state = self._known.get(object_id), self._arrivals.newest(object_id)
-        if state is None or (known is not None and state.stamp_ns < known.stamp_ns):
+        stored_state, state = self._known.get(object_id), self._arrivals.newest(object_id)
+        if state is None or (stored_state is not None and state.stamp_ns < stored_state.stamp_ns):
             return self._known[object_id]
         return state
 

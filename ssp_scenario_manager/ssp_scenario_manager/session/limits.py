@@ -171,12 +171,12 @@ def too_near(everyone: Sequence[ObjectState], limits: Limits) -> list[Violation]
         everyone: finite states at one stamp.
         limits: the run's.
     """
-    found = []
+    findings = []
     for i, k in judge.near_pairs(everyone, limits.separation_m):
         a, b = everyone[i], everyone[k]
         both = f"{a.object_id} and {b.object_id}"
-        found.append(of_object(judge.separation(a, b, limits), b.object_id, a.stamp_ns, both))
-    return [violation for violation in found if violation is not None]
+        findings.append(of_object(judge.separation(a, b, limits), b.object_id, a.stamp_ns, both))
+    return [violation for violation in findings if violation is not None]
 
 
 def _never(_: ObjectState) -> bool:
@@ -197,10 +197,12 @@ def violations(
     """
     limits = spec.limits
     sound = [state for state in everyone if state.is_finite]
-    found: list[Violation | None] = []
+    findings: list[Violation | None] = []
     if len(sound) < len(everyone):
-        found += [of_object(judge.state_not_finite(s), s.object_id, s.stamp_ns) for s in everyone]
-    found += too_near(kept_apart(sound, spec), limits)
+        findings += [
+            of_object(judge.state_not_finite(s), s.object_id, s.stamp_ns) for s in everyone
+        ]
+    findings += too_near(kept_apart(sound, spec), limits)
     for state in sound:
         excess_m = 0.0 if is_well_inside(state) else box_excess_m(state.box, spec.geofence)
         passed = [
@@ -208,41 +210,44 @@ def violations(
             judge.outside_geofence(excess_m),
             *judge.stated(state, limits),
         ]
-        found += [
+        findings += [
             of_object(one, state.object_id, state.stamp_ns) for one in passed if one is not None
         ]
-    real = [violation for violation in found if violation is not None]
+    real = [violation for violation in findings if violation is not None]
     return sorted(real, key=lambda v: v.code != SafetyCode.COLLISION)
 
 
 # -- of reports ------------------------------------------------------------------------------------
 
 
-def own_lateness(found: Violation, late_s: float, heartbeat_s: float) -> Violation:
+def own_lateness(violation: Violation, late_s: float, heartbeat_s: float) -> Violation:
     """Name the manager's own lateness as the reason of what was found while it stood still.
 
     A participant that wasn't looked at for a while seems silent, slow or off in time, and an object
     that didn't hear the manager stops by itself.
 
     Args:
-        found: by the manager, or seen by another node.
+        violation: found by the manager, or seen by another node.
         late_s: how late the manager was of late, on the steady clock; 0 for not.
         heartbeat_s: for how long objects go without hearing the manager.
     """
     # A recorder that lost messages is one without a name; a silent one has its node's.
-    silent_recorder = found.code is SafetyCode.RECORDER and bool(found.object_id)
-    limit_s = max(LATE_S, heartbeat_s) if found.code in _OF_OBJECTS else LATE_S
-    if not (found.code in _OF_TIME or silent_recorder):
-        return found
-    if found.code not in _OF_OBJECTS and abs(found.measured) - late_s <= found.limit < late_s:
+    silent_recorder = violation.code is SafetyCode.RECORDER and bool(violation.object_id)
+    limit_s = max(LATE_S, heartbeat_s) if violation.code in _OF_OBJECTS else LATE_S
+    if not (violation.code in _OF_TIME or silent_recorder):
+        return violation
+    if (
+        violation.code not in _OF_OBJECTS
+        and abs(violation.measured) - late_s <= violation.limit < late_s
+    ):
         # A limit shorter than the manager's own pause, which without it would have been kept.
-        limit_s = min(limit_s, found.limit)
+        limit_s = min(limit_s, violation.limit)
     if late_s <= limit_s:
-        return found
-    who = f" of {found.object_id}" if found.object_id else ""
-    instead = f"instead of {MEANINGS[found.code].limit_name}{who}"
+        return violation
+    who = f" of {violation.object_id}" if violation.object_id else ""
+    instead = f"instead of {MEANINGS[violation.code].limit_name}{who}"
     return Violation(
-        SafetyCode.OVERRUN, names.SCENARIO_MANAGER, late_s, limit_s, found.stamp_ns, instead
+        SafetyCode.OVERRUN, names.SCENARIO_MANAGER, late_s, limit_s, violation.stamp_ns, instead
     )
 
 

@@ -57,9 +57,9 @@ class Pending:
 
     def is_overdue(self, steady_ns: int) -> bool:
         """Tell whether its time is over; arming is watched by the session itself."""
-        told = self.command is ObjectCommand.ARM and self.sent_ns is not None
+        is_sent_arm = self.command is ObjectCommand.ARM and self.sent_ns is not None
         wait_s = _WAIT_S.get(self.command)
-        if told or wait_s is None:
+        if is_sent_arm or wait_s is None:
             return False
         return ns_to_seconds(steady_ns - self.asked_ns) > wait_s
 
@@ -104,31 +104,31 @@ class ObjectCommands:
             is_there: tells whether an object's command service is there.
             steady_ns: now, on the steady clock.
         """
-        found = []
+        due_commands = []
         for one in self._pending.values():
             if one.is_due(steady_ns) and is_there(one.object_id):
                 one.sent_ns = steady_ns
-                found.append(one)
-        return found
+                due_commands.append(one)
+        return due_commands
 
     def overdue(self, steady_ns: int) -> list[Pending]:
         """Return commands that are given up now, each once."""
-        found = [one for one in self._pending.values() if one.is_overdue(steady_ns)]
-        for one in found:
+        overdue_commands = [one for one in self._pending.values() if one.is_overdue(steady_ns)]
+        for one in overdue_commands:
             del self._pending[one.object_id]
-        return found
+        return overdue_commands
 
-    def on_answer(self, asked: Pending, accepted: bool, error_msg: str) -> bool:
+    def on_answer(self, request: Pending, accepted: bool, error_msg: str) -> bool:
         """Take an answer; return False for one to a command that isn't awaited any more.
 
         A refused all-clear is asked again: the object may not have heard of the abort yet.
         """
-        if self._pending.get(asked.object_id) is not asked:
+        if self._pending.get(request.object_id) is not request:
             return False
-        if asked.command is ObjectCommand.ALL_CLEAR and not accepted:
-            asked.refusal = error_msg
+        if request.command is ObjectCommand.ALL_CLEAR and not accepted:
+            request.refusal = error_msg
         else:
-            del self._pending[asked.object_id]
+            del self._pending[request.object_id]
         return True
 
     def all_sent(self, command: ObjectCommand) -> bool:

@@ -80,10 +80,10 @@ def moving(
     def is_still(state: ObjectState, watch: ConsistencyWatch) -> bool:
         return stands(state, watch, now_ns, aborting=aborting, least_s=least_s)
 
-    known = {spec.vut.id: vut}
-    known |= {t.id: targets.get(t.id) for t in spec.targets if t.id not in without}
+    states = {spec.vut.id: vut}
+    states |= {t.id: targets.get(t.id) for t in spec.targets if t.id not in without}
     return [
         object_id
-        for object_id, state in known.items()
+        for object_id, state in states.items()
         if (armed if state is None else not is_still(state, motion[object_id]))
     ]

@@ -97,7 +97,7 @@ def limits_passed(
     """
     spec, limits = run.spec, run.spec.limits
     breaks = run.history.take_breaks()
-    found: list[Violation | None] = []
+    findings: list[Violation | None] = []
     present: list[ObjectState] = []
     # Who was never heard has been silent since the start, and may be still before it.
     started = run.started_ns is not None
@@ -108,43 +108,43 @@ def limits_passed(
         return silent(code, who, ns_to_seconds(now_ns - last_ns), limit_s, now_ns)
 
     last_ns = since_ns if vut is None else vut.stamp_ns
-    found.append(unheard(SafetyCode.VUT_SILENT, "vut", last_ns, limits.state_age_s))
+    findings.append(unheard(SafetyCode.VUT_SILENT, "vut", last_ns, limits.state_age_s))
     if vut is not None:
-        found.append(stamp_ahead(vut, now_ns, early_s, limits))
+        findings.append(stamp_ahead(vut, now_ns, early_s, limits))
         present.append(vut)
     # A stamp from the future makes its state a jump, or one that stands; it is the reason.
-    found += breaks
+    findings += breaks
     for target in spec.targets:
         state = targets.get(target.id)
         last_ns = since_ns if state is None else state.stamp_ns
         late = unheard(SafetyCode.OBJECT_SILENT, target.id, last_ns, limits.state_age_s)
-        found.append(late)
+        findings.append(late)
         if state is not None and late is None:
-            found.append(stamp_ahead(state, now_ns, early_s, limits))
-            found.append(run.local_stops.own_abort(state, now_ns, started=started))
-            found.append(run.local_stops.unexplained(state, now_ns))
+            findings.append(stamp_ahead(state, now_ns, early_s, limits))
+            findings.append(run.local_stops.own_abort(state, now_ns, started=started))
+            findings.append(run.local_stops.unexplained(state, now_ns))
             if running:
-                found.append(_left_the_run(run, state, now_ns))
+                findings.append(_left_the_run(run, state, now_ns))
             present.append(state if vut is None else _at(state, vut.stamp_ns))
-    found += violations(present, spec, run.history.is_well_inside)
+    findings += violations(present, spec, run.history.is_well_inside)
     for reference in run.dispatches.due:
         who, sent_ns = reference.object_id, reference.dispatched_ns
-        found.append(unheard(SafetyCode.ACK_MISSING, who, sent_ns, limits.ack_s))
+        findings.append(unheard(SafetyCode.ACK_MISSING, who, sent_ns, limits.ack_s))
     if run.started_ns is not None:
         passed = judge.duration(ns_to_seconds(now_ns - run.started_ns), limits)
-        found.append(of_object(passed, "", now_ns))
-    return [violation for violation in found if violation is not None]
+        findings.append(of_object(passed, "", now_ns))
+    return [violation for violation in findings if violation is not None]
 
 
 def collisions(
     run: Run, vut: ObjectState | None, targets: Mapping[str, ObjectState]
 ) -> list[Violation]:
     """Find the one thing left to see while everything brakes: that two of us touch."""
-    known = [targets[target.id] for target in run.spec.targets if target.id in targets]
+    states = [targets[target.id] for target in run.spec.targets if target.id in targets]
     if vut is not None:
-        known = [vut, *(_at(state, vut.stamp_ns) for state in known)]
+        states = [vut, *(_at(state, vut.stamp_ns) for state in states)]
     near = too_near(
-        kept_apart([state for state in known if state.is_finite], run.spec), run.spec.limits
+        kept_apart([state for state in states if state.is_finite], run.spec), run.spec.limits
     )
     return [violation for violation in near if violation.code is SafetyCode.COLLISION]
 

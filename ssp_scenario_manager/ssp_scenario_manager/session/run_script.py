@@ -143,21 +143,23 @@ class RunOutcome:
         """Add a reason, and its verdict only if there was none that says more."""
         if reason in self.reasons:
             return self
-        kept = self.verdict if self.verdict not in (Verdict.NONE, Verdict.VALID) else verdict
-        return RunOutcome(kept, (*self.reasons, reason))
+        final_verdict = (
+            self.verdict if self.verdict not in (Verdict.NONE, Verdict.VALID) else verdict
+        )
+        return RunOutcome(final_verdict, (*self.reasons, reason))
 
     def with_misses(self, misses: Sequence[str]) -> RunOutcome:
         """Return a sound run whose event didn't become that of K* as ``off_spec`` (METHOD 4.4)."""
         return RunOutcome(Verdict.OFF_SPEC, tuple(misses)) if self.ok and misses else self
 
-    def with_word_of_recorder(self, told: RecordedVerdict | None) -> RunOutcome:
+    def with_word_of_recorder(self, recorder_verdict: RecordedVerdict | None) -> RunOutcome:
         """Return the same with what only the recorder knows, which it wrote when it closed the bag.
 
         Args:
-            told: its verdict; None where it left none.
+            recorder_verdict: its verdict; None where it left none.
         """
         outcome = self
-        if told is not None and told.verdict is not Verdict.VALID:
-            for reason in told.reasons:
-                outcome = outcome.with_reason(told.verdict, reason)
+        if recorder_verdict is not None and recorder_verdict.verdict is not Verdict.VALID:
+            for reason in recorder_verdict.reasons:
+                outcome = outcome.with_reason(recorder_verdict.verdict, reason)
         return outcome

@@ -190,13 +190,13 @@ class Session:
         self._hear(state)
         return True
 
-    def _is_news(self, state: ObjectState, known: ObjectState | None) -> bool:
+    def _is_news(self, state: ObjectState, last_state: ObjectState | None) -> bool:
         """Tell whether a state counts: while a run lasts, one older than what is known doesn't.
 
         Otherwise what came last is the truth: a clock that was wrong must not outlast its
         correction.
         """
-        return known is None or state.stamp_ns >= known.stamp_ns or not self._lasts
+        return last_state is None or state.stamp_ns >= last_state.stamp_ns or not self._lasts
 
     def _hear(self, state: ObjectState) -> None:
         self._heard.add(state.object_id)
@@ -225,8 +225,8 @@ class Session:
         if code == references.NOT_RUNNING:
             if self.state is SessionPhase.ABORTING:
                 return
-            known = self.targets.get(refused.object_id)
-            control = ControlState.OFF if known is None else known.control_state
+            target_state = self.targets.get(refused.object_id)
+            control = ControlState.OFF if target_state is None else target_state.control_state
             if control in (ControlState.RUNNING, ControlState.ABORTING):
                 run.local_stops.take_refusal(refused)
                 return
@@ -392,8 +392,8 @@ class Session:
         self._tell(previous, event.value, now_ns, reason)
 
     def _tell(self, previous: SessionPhase, event: str, now_ns: int, reason: str) -> None:
-        said = now_ns, self.state, previous, event, reason, self.verdict, self.reasons
-        self.outbox.append(outbox.StateChanged(*said))
+        change_fields = now_ns, self.state, previous, event, reason, self.verdict, self.reasons
+        self.outbox.append(outbox.StateChanged(*change_fields))
 
     def _missing_for(self, event: SessionEvent, now_ns: int) -> list[str]:
         """List everything that a command lacks."""
@@ -402,15 +402,15 @@ class Session:
             return []
         if event in _GATES:
             facts = replace(self.facts, motion=run.history.motion)
-            found = arming.obstacles(_GATES[event], run.spec, facts, vut, targets, now_ns)
-            return [obstacle.text for obstacle in found]
+            obstacles = arming.obstacles(_GATES[event], run.spec, facts, vut, targets, now_ns)
+            return [obstacle.text for obstacle in obstacles]
         if event is not SessionEvent.ALL_CLEAR:
             return []
         # What was heard before the abort is no proof.
-        known = {*targets, *([] if vut is None else [run.spec.vut.id])}
+        ids_with_state = {*targets, *([] if vut is None else [run.spec.vut.id])}
         moving = preconditions.moving
         unknown = set(moving(run.spec, vut, targets, run.history.motion, now_ns, armed=run.armed))
-        who = sorted(unknown | (known - self._heard))
+        who = sorted(unknown | (ids_with_state - self._heard))
         return [f"{i} is not known to stand" for i in who]
 
     def _abort_by_operator(self, now_ns: int, requested_by: str, reason: str) -> None:

@@ -58,14 +58,14 @@ class StateHistory:
         if memory.before is not None and self._continuity[state.object_id].before is state:
             crossed = self._crossed_fence(memory.before, state)
             passed += [] if crossed is None else [crossed]
-        found = []
+        breaks = []
         if passed:
-            found = [of_object(p, state.object_id, state.stamp_ns) for p in passed]
+            breaks = [of_object(p, state.object_id, state.stamp_ns) for p in passed]
         watch = self.motion.get(state.object_id)
         if watch is not None and state.is_finite:
             watch.see(state)
             if (contradicts := watch.contradiction) is not None:
-                found.append(
+                breaks.append(
                     of_object(
                         state_contradicts(watch),
                         state.object_id,
@@ -76,9 +76,9 @@ class StateHistory:
             heading = self.headings.get(state.object_id)
             if heading is not None and started:
                 turned = heading.see(state, stands=has_stood(state, watch))
-                found.append(of_object(turned, state.object_id, state.stamp_ns))
-        if found:
-            self._breaks += [violation for violation in found if violation is not None]
+                breaks.append(of_object(turned, state.object_id, state.stamp_ns))
+        if breaks:
+            self._breaks += [violation for violation in breaks if violation is not None]
 
     def _crossed_fence(self, before: ObjectState, state: ObjectState) -> LimitViolation | None:
         """Find the violation of an object that was outside between two states.
@@ -115,5 +115,5 @@ class StateHistory:
 
         States of one step arrive in any order; what is decided must not depend on it.
         """
-        taken, self._breaks = self._breaks, []
-        return sorted(taken, key=lambda v: (v.stamp_ns, v.object_id, v.code))
+        breaks, self._breaks = self._breaks, []
+        return sorted(breaks, key=lambda v: (v.stamp_ns, v.object_id, v.code))

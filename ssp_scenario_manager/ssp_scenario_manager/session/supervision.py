@@ -120,8 +120,8 @@ class LivenessMonitor:
     @property
     def strangers(self) -> tuple[str, ...]:
         """Return those that the manager itself has found; the recorder reports its own."""
-        found = (text for who, (_, text) in self.foreign.items() if who != names.MONITOR)
-        return tuple(text[:LONGEST_TOLD] for text in islice(found, MOST_TOLD))
+        texts = (text for who, (_, text) in self.foreign.items() if who != names.MONITOR)
+        return tuple(text[:LONGEST_TOLD] for text in islice(texts, MOST_TOLD))
 
     @property
     def foreign_text(self) -> str:
@@ -129,8 +129,8 @@ class LivenessMonitor:
 
     def age_s(self, who: str, steady_ns: int) -> float:
         """Return seconds since the last sign of life, inf before the first."""
-        heard = self._heard_ns.get(who)
-        return math.inf if heard is None else ns_to_seconds(steady_ns - heard)
+        sign_ns = self._heard_ns.get(who)
+        return math.inf if sign_ns is None else ns_to_seconds(steady_ns - sign_ns)
 
     def facts(self, spec: RunSpec | None, steady_ns: int) -> Facts:
         """Return the facts that readiness asks for beside the states."""
@@ -171,19 +171,19 @@ class LivenessMonitor:
             steady_ns: now, on the clock of ``hear``.
             stamp_ns: session time, for the events.
         """
-        found: list[Violation | None] = []
+        findings: list[Violation | None] = []
         for sign in self._watched(spec, phase):
             silence_s = self._silence_s(sign, steady_ns)
             if not silence_s <= sign.limit_s:  # what is no number is silent too
-                found.append(silent(sign.code, sign.who, silence_s, sign.limit_s, stamp_ns))
+                findings.append(silent(sign.code, sign.who, silence_s, sign.limit_s, stamp_ns))
         lost, others = self.recorder_lost, self.other_managers
         detail = "messages lost by the recorder"
-        found.append(too_many(SafetyCode.RECORDER, lost, stamp_ns, detail))
-        found.append(too_many(SafetyCode.FOREIGN_MANAGER, others, stamp_ns, self.foreign_text))
+        findings.append(too_many(SafetyCode.RECORDER, lost, stamp_ns, detail))
+        findings.append(too_many(SafetyCode.FOREIGN_MANAGER, others, stamp_ns, self.foreign_text))
         if spec.mode != "lockstep":
             for target in spec.targets:
-                found += self._of_link(spec, target.id, steady_ns, stamp_ns)
-        return [violation for violation in found if violation is not None]
+                findings += self._of_link(spec, target.id, steady_ns, stamp_ns)
+        return [violation for violation in findings if violation is not None]
 
     def _watched(self, spec: RunSpec, phase: SessionPhase) -> tuple[SignOfLife, ...]:
         """Return the signs that are counted by arrival in a phase.
@@ -192,8 +192,8 @@ class LivenessMonitor:
         """
         if self._table is None or self._table[0] is not spec or self._table[1] is not phase:
             signs = signs_of_life(spec)
-            kept = tuple(one for one in signs if phase in one.phases and not one.by_stamp)
-            self._table = spec, phase, kept
+            signs_in_phase = tuple(one for one in signs if phase in one.phases and not one.by_stamp)
+            self._table = spec, phase, signs_in_phase
         return self._table[2]
 
     def _silence_s(self, sign: SignOfLife, steady_ns: int) -> float:
@@ -326,8 +326,8 @@ class Supervisor:
         waiting = [
             target.id
             for target in spec.targets
-            if (known := targets.get(target.id)) is None
-            or known.control_state is not ControlState.ARMED
+            if (state := targets.get(target.id)) is None
+            or state.control_state is not ControlState.ARMED
         ]
         if not waiting or self._session.state is not SessionPhase.ARMED:
             self._arming_since_ns = None

@@ -80,14 +80,14 @@ class Snapshot:
         return self._known[object_id]
 
     def _extrapolated(self, object_id: str) -> ObjectState | None:
-        heard = self.vut if object_id == VUT_ID else self._targets.get(object_id)
-        if heard is None or not heard.is_finite:
+        state = self.vut if object_id == VUT_ID else self._targets.get(object_id)
+        if state is None or not state.is_finite:
             return None
-        if heard.stamp_ns == self.stamp_ns:
-            return heard
-        if abs(self.stamp_ns - heard.stamp_ns) > self._age_ns:
+        if state.stamp_ns == self.stamp_ns:
+            return state
+        if abs(self.stamp_ns - state.stamp_ns) > self._age_ns:
             return None
-        return heard.extrapolated(self.stamp_ns)
+        return state.extrapolated(self.stamp_ns)
 
     def meeting(self, object_id: str) -> Encounter | None:
         """Compute how an object stands to the VUT (METHOD 1); None: unknown."""

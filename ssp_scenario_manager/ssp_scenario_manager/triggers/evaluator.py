@@ -106,9 +106,9 @@ class _Tracker:
 
     __slots__ = ("_condition", "_wanted", "cause", "holds", "opposite_seen", "parts", "since")
 
-    def __init__(self, condition: Condition, wanted: bool) -> None:
+    def __init__(self, condition: Condition, target_truth: bool) -> None:
         self._condition = condition
-        self._wanted = wanted
+        self._wanted = target_truth
         self.parts: dict[int, _Change] = {}
         self.holds: bool | None = None
         self.since = 0
@@ -137,9 +137,9 @@ class TriggerWatch:
     def __init__(self, spec: TriggerSpec, path: Polyline, started_ns: int) -> None:
         self.spec = spec
         self.fired = False
-        asked = leaves(spec.condition)
-        self.waits_for_phase = any(isinstance(leaf, PhaseReached) for leaf in asked)
-        self._questions: list[Question] = [question(leaf, path, started_ns) for leaf in asked]
+        conditions = leaves(spec.condition)
+        self.waits_for_phase = any(isinstance(leaf, PhaseReached) for leaf in conditions)
+        self._questions: list[Question] = [question(leaf, path, started_ns) for leaf in conditions]
         self._text = condition_text(spec.condition)
         self._started_ns = started_ns
         self.begin_ns = started_ns + seconds_to_ns(spec.not_before_s)
@@ -158,8 +158,8 @@ class TriggerWatch:
     def values(self) -> list[tuple[Quantity, float]]:
         """Return each single condition's comparison, and its value at the last judged state."""
         return [
-            (asked.quantity, reading.sample.value)
-            for asked, reading in zip(self._questions, self._readings, strict=False)
+            (leaf_question.quantity, reading.sample.value)
+            for leaf_question, reading in zip(self._questions, self._readings, strict=False)
         ]
 
     def observe(self, snapshot: Snapshot) -> Firing | None:
@@ -170,7 +170,7 @@ class TriggerWatch:
         before = self._readings
         if before and stamp_ns <= before[0].sample.stamp_ns:
             return None
-        self._readings = [asked.read(snapshot) for asked in self._questions]
+        self._readings = [one.read(snapshot) for one in self._questions]
         self._follow(self._changes(before))
         course = self._course
         if course.holds is not self._wanted or stamp_ns - course.since < self._held_ns:
@@ -205,9 +205,9 @@ class TriggerWatch:
         if not changes:
             return
         if self.waits_for_phase:
-            known = self._log[-1].order if self._log else None
+            last_order = self._log[-1].order if self._log else None
             self._log = sorted([*self._log, *changes], key=_order)
-            if known is not None and changes[0].order <= known:
+            if last_order is not None and changes[0].order <= last_order:
                 self._course = self._new_course()
                 changes = self._log
         for _, group in itertools.groupby(changes, key=_order):
@@ -232,7 +232,7 @@ class TriggerWatch:
         text = self._text
         if isinstance(spec.condition, AllOf | AnyOf):
             parts = [self._part(i) for i in range(len(self._questions))]
-            text = _told(spec.condition, iter(parts))
+            text = _condition_report(spec.condition, iter(parts))
         if spec.edge != "none":
             text += f", {spec.edge}"
         if self._held_ns:
@@ -240,19 +240,20 @@ class TriggerWatch:
         return text
 
     def _part(self, index: int) -> str:
-        asked, reading = self._questions[index], self._readings[index]
+        leaf_question, reading = self._questions[index], self._readings[index]
         since_ns = self._course.parts[index].order // 2
         word = {True: "holds", False: "fails", None: "unknown"}[reading.holds]
         return (
-            f"{asked.quantity.text} ({reading.sample.value:.3f} {asked.quantity.unit}, {word} "
+            f"{leaf_question.quantity.text} ({reading.sample.value:.3f} "
+            f"{leaf_question.quantity.unit}, {word} "
             f"since {ns_to_seconds(since_ns - self._started_ns):.3f} s)"
         )
 
 
-def _told(condition: Condition, parts: Iterator[str]) -> str:
+def _condition_report(condition: Condition, parts: Iterator[str]) -> str:
     if not isinstance(condition, AllOf | AnyOf):
         return next(parts)
-    inner = "; ".join(_told(part, parts) for part in condition.of)
+    inner = "; ".join(_condition_report(part, parts) for part in condition.of)
     return f"{condition.type} of ({inner})"
 
 

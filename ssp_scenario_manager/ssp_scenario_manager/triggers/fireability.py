@@ -65,29 +65,29 @@ def _times(spec: RunSpec, trigger: TriggerSpec, field: str) -> list[str]:
     end_s = min(spec.end.at_latest_s, spec.limits.duration_s)
     end = f"the end of the run ({end_s:g} s)"
     condition = trigger.condition
-    found = []
+    problems = []
     if _earliest_s(condition) >= end_s:
-        found = [
+        problems = [
             f"{path}.after_s: {leaf.after_s:g} s is not before {end}"
             for path, leaf in _fields(condition, f"{field}.condition")
             if isinstance(leaf, ElapsedTime) and leaf.after_s >= end_s
         ]
     if trigger.not_before_s >= end_s:
-        found.append(f"{field}.not_before_s: {trigger.not_before_s:g} s is not before {end}")
-    if found:
-        return found
+        problems.append(f"{field}.not_before_s: {trigger.not_before_s:g} s is not before {end}")
+    if problems:
+        return problems
     begin_s = max(_earliest_s(condition), trigger.not_before_s)
     if begin_s + trigger.held_for_s >= end_s:
-        found.append(
+        problems.append(
             f"{field}.held_for_s: {trigger.held_for_s:g} s from {begin_s:g} s on, when it may "
             f"hold at the earliest, are not over before {end}"
         )
     longest_s = RESOLUTION_CONFIRMATION_S + spec.end.after_resolution_s
     if trigger.held_for_s > longest_s and _needs_resolution(condition):
-        found.append(
+        problems.append(
             f"{field}.held_for_s: the run ends {longest_s:g} s after the start of the resolution"
         )
-    return found
+    return problems
 
 
 def _earliest_s(condition: Condition) -> float:
@@ -200,16 +200,16 @@ def _no_event(spec: RunSpec) -> list[str]:
 
 def _not_unique(spec: RunSpec) -> list[str]:
     problems = []
-    known = {spec.vut.id}
+    participant_ids = {spec.vut.id}
     for i, target in enumerate(spec.targets):
-        if target.id in known:
+        if target.id in participant_ids:
             problems.append(f"targets[{i}].id: {target.id} stands twice")
-        known.add(target.id)
-    seen: set[str] = set()
+        participant_ids.add(target.id)
+    trigger_ids: set[str] = set()
     for i, trigger in enumerate(spec.triggers):
-        if trigger.id in seen:
+        if trigger.id in trigger_ids:
             problems.append(f"triggers[{i}].id: {trigger.id} stands twice")
-        seen.add(trigger.id)
+        trigger_ids.add(trigger.id)
     return problems
 
 

@@ -31,12 +31,12 @@ def off_route(spec: RunSpec) -> list[str]:
     """
     line = ReferenceLine.of_road(spec.road)
     problems: list[str] = []
-    known: set[str] = set()
+    ids_with_path: set[str] = set()
     for field, who, path in _paths(spec):
         # The path of a manoeuvre begins where the one before it ends, if there is one.
-        if who.id not in known:
+        if who.id not in ids_with_path:
             problems += _off_start(spec, who, path)
-        known.add(who.id)
+        ids_with_path.add(who.id)
         beyond_m = _BEYOND_ENDS_M if who is spec.vut else OVERHANG_M
         outside = _outside(line, path, _strips(spec, who), beyond_m)
         if who is not spec.vut:
@@ -53,11 +53,14 @@ def off_route(spec: RunSpec) -> list[str]:
 
 def _paths(spec: RunSpec) -> Iterator[tuple[str, ParticipantSpec, Path2]]:
     """Yield every path with its field and its participant, the participant's approach first."""
-    named = [("vut", spec.vut), *((f"targets[{i}]", who) for i, who in enumerate(spec.targets))]
-    for field, who in named:
+    participants = [
+        ("vut", spec.vut),
+        *((f"targets[{i}]", who) for i, who in enumerate(spec.targets)),
+    ]
+    for field, who in participants:
         if who.approach is not None:
             yield f"{field}.approach.path", who, who.approach.path
-    everybody = {who.id: who for _, who in named}
+    everybody = {who.id: who for _, who in participants}
     for i, trigger in enumerate(spec.triggers):
         who_acts = everybody.get(trigger.object_id)
         if who_acts is not None and isinstance(trigger.manoeuvre, FollowPath):

@@ -116,14 +116,14 @@ def cut_parts(response: Response) -> tuple[str, ...]:
             of ``decoding["stages"]``.
     """
     stages = response.decoding.get("stages")
-    found = []
+    part_names = []
     for stage in stages if isinstance(stages, list) else ():
         if isinstance(stage, Mapping) and _is_limit(stage.get("finish_reason")):
             name = stage.get("name")
-            found.append(name[:_NAME_LENGTH] if isinstance(name, str) else "a stage")
+            part_names.append(name[:_NAME_LENGTH] if isinstance(name, str) else "a stage")
     if _is_limit(response.decoding.get("finish_reason")):
-        found.append(_WHOLE)
-    return tuple(dict.fromkeys(found))
+        part_names.append(_WHOLE)
+    return tuple(dict.fromkeys(part_names))
 
 
 def _is_limit(reason: object) -> bool:

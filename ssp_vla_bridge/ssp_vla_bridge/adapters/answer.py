@@ -168,11 +168,11 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
                 "no list that is the own plan" if others else "no list but the echo of the history"
             )
         return Choice((), "missing", (*_unique(notes), f"the text holds {what}"))
-    chosen = _pick(answers, form, notes)
-    if text_is_cut and not chosen.one.fault and _goes_on(text[chosen.one.end :]):
+    candidate = _pick(answers, form, notes)
+    if text_is_cut and not candidate.one.fault and _goes_on(text[candidate.one.end :]):
         draft = "a list that prose follows, which the limit of tokens cuts off, is a draft"
         return Choice((), "missing", (*_unique(notes), draft))
-    return _read(chosen, form, history, notes)
+    return _read(candidate, form, history, notes)
 
 
 def _beside(text: str, lists: Sequence[NumberList], i: int, form: Form) -> Beside:
@@ -194,17 +194,17 @@ def _without_options(
 ) -> tuple[list[_Candidate], int]:
     """Return the lists without the options that aren't chosen, and how many these are."""
     placed = [LabelledList(one.label.text, one.one.start, one.one.end) for one in answers]
-    left, chosen = not_chosen(text, placed)
+    left, chosen_index = not_chosen(text, placed)
     if not left:
         return answers, 0
-    said = "none is chosen" if chosen is None else "only the chosen one counts"
-    notes.append(f"of {len(left) + (chosen is not None)} options {said}")
-    kept = [
-        replace(one, label=replace(one.label, owner=Owner.OWN)) if i == chosen else one
+    remark = "none is chosen" if chosen_index is None else "only the chosen one counts"
+    notes.append(f"of {len(left) + (chosen_index is not None)} options {remark}")
+    candidates = [
+        replace(one, label=replace(one.label, owner=Owner.OWN)) if i == chosen_index else one
         for i, one in enumerate(answers)
         if i not in left
     ]
-    return kept, len(left)
+    return candidates, len(left)
 
 
 def _goes_on(rest: str) -> bool:
@@ -223,10 +223,10 @@ def _own(answers: list[_Candidate], form: Form, notes: list[str]) -> list[_Candi
     labelled = [one for one in answers if one.label.owner is Owner.OWN]
     if labelled:
         return labelled[-1:]
-    named = [one for one in answers if _is_of_quantity(one.label.text)]
-    if named:
+    quantity_lists = [one for one in answers if _is_of_quantity(one.label.text)]
+    if quantity_lists:
         notes.append("a list that its label calls no plan was left out")
-        answers = [one for one in answers if one not in named]
+        answers = [one for one in answers if one not in quantity_lists]
     bare = [one for one in answers if one.one.cut or one.one.fault or _is_asked_for(one, form)]
     if not bare:  # of as many rows, at times or in columns that aren't known
         bare = [one for one in answers if one.read.problem and len(one.one.rows) == form.rows]
@@ -272,8 +272,8 @@ def _as_one_of_several(text: str, one: NumberList) -> NumberList:
 
 def _as_closed(one: NumberList, count: int) -> NumberList:
     """Return a cut list as a whole one if all rows that were asked for are closed."""
-    asked = count + 1 if one.rows and _is_origin(one.rows[0]) else count
-    if one.fault != CUT or len(one.rows) < max(1, asked):
+    required_rows = count + 1 if one.rows and _is_origin(one.rows[0]) else count
+    if one.fault != CUT or len(one.rows) < max(1, required_rows):
         return one
     return replace(one, fault="", cut=False, marks=one.marks | {"an outer bracket isn't closed"})
 
@@ -282,9 +282,9 @@ def _parts(one: NumberList, count: int, history: Rows | None, notes: list[str]) 
     """Split a list that is longer than asked for, where the place is known."""
     if one.fault and one.fault != CUT:
         return [one]
-    known = history or ()
+    history_rows = history or ()
     rows = one.rows
-    lead = _leading_echo(rows, known, count)
+    lead = _leading_echo(rows, history_rows, count)
     if lead:
         notes.append("a list begins with the history, which was left out")
         loose = tuple(i - lead for i in one.loose if i > lead)
@@ -344,10 +344,10 @@ def _is_echo(rows: Rows, history: Rows, of_past: bool, notes: list[str]) -> bool
     if not min(_LEAST_ECHO, len(history)) <= run <= len(history) or not run:
         return False
     if _constant(rows):
-        told = of_past and _equal(rows, history)
-        if told:
+        is_echo = of_past and _equal(rows, history)
+        if is_echo:
             notes.append("the echo of the history was left out")
-        return told
+        return is_echo
     if _is_rounded(rows, history):
         notes.append("the echo of the history, rounded, was left out")
         return True
@@ -378,20 +378,20 @@ def _pick(answers: list[_Candidate], form: Form, notes: list[str]) -> _Candidate
     complete = [one for one in answers if not one.one.fault and _is_asked_for(one, form)]
     cut = answers[-1].one.cut
     if complete:
-        chosen = complete[-1]
-        later = answers[answers.index(chosen) + 1 :]
-        meant = [one for one in later if _is_meant(one, complete, form)]
-        if meant:
+        candidate = complete[-1]
+        later = answers[answers.index(candidate) + 1 :]
+        replacements = [one for one in later if _is_meant(one, complete, form)]
+        if replacements:
             notes.append(f"{len(complete)} lists of {form.rows} were passed over for the last one")
-            return meant[-1]
-        others = [one for one in complete if not _equal(one.one.rows, chosen.one.rows)]
+            return replacements[-1]
+        others = [one for one in complete if not _equal(one.one.rows, candidate.one.rows)]
         if others:
             notes.append(f"{len(others)} other lists of {form.rows} were passed over for the last")
         elif len(complete) > 1:
             notes.append(f"the list is given {len(complete)} times")
         if cut:
             notes.append("a later list is cut off")
-        return chosen
+        return candidate
     if cut:
         return answers[-1]
     most = max(len(one.one.rows) for one in answers)
@@ -414,8 +414,8 @@ def _is_meant(one: _Candidate, complete: Sequence[_Candidate], form: Form) -> bo
     return 2 * len(rows) >= form.rows and (one.one.fault != "" or labelled)
 
 
-def _read(chosen: _Candidate, form: Form, history: Rows | None, notes: list[str]) -> Choice:
-    one, read = chosen.one, chosen.read
+def _read(candidate: _Candidate, form: Form, history: Rows | None, notes: list[str]) -> Choice:
+    one, read = candidate.one, candidate.read
     problem = f"the list can't be read: {one.fault}" if one.fault else read.problem
     if not problem and one.unread_after and len(one.rows) < form.rows:
         problem = f"the list can't be read: {UNREAD}"
@@ -431,7 +431,7 @@ def _read(chosen: _Candidate, form: Form, history: Rows | None, notes: list[str]
     notes.extend(read.notes)
     if one.units:
         notes.append("units in rows")
-    if "*" in chosen.label.text:
+    if "*" in candidate.label.text:
         notes.append("a bold label")
     rows, times_s = read.rows, read.times_s
     if form.label and not times_s and len(rows) == form.rows + 1 and _is_origin(rows[0]):

@@ -78,8 +78,8 @@ def not_chosen(text: str, lists: Sequence[LabelledList]) -> tuple[frozenset[int]
     for group in groups.values():
         if len(group) < 2:
             continue
-        named = [_NAMED.search(lists[i].label) for i in group]
-        names = [match["name"].lower() for match in named if match is not None]
+        matches = [_NAMED.search(lists[i].label) for i in group]
+        names = [match["name"].lower() for match in matches if match is not None]
         told_apart = len(set(names)) == len(group)
         shares = [_share(text, lists, i) for i in group]
         by_share = _clear_maximum([one for one in shares if one is not None])
@@ -93,10 +93,10 @@ def not_chosen(text: str, lists: Sequence[LabelledList]) -> tuple[frozenset[int]
         )
         if not (picked or rated or (called and (told_apart or not names))):
             continue
-        chosen = group[names.index(picked)] if picked else None
-        if chosen is None and rated and by_share is not None:
-            chosen = group[by_share]
-        return frozenset(i for i in group if i != chosen), chosen
+        chosen_index = group[names.index(picked)] if picked else None
+        if chosen_index is None and rated and by_share is not None:
+            chosen_index = group[by_share]
+        return frozenset(i for i in group if i != chosen_index), chosen_index
     return frozenset(), None
 
 
@@ -112,11 +112,11 @@ def _share(text: str, lists: Sequence[LabelledList], i: int) -> float | None:
     one = lists[i]
     begin, stop = _object(text, one.start, one.end)
     if begin >= 0:
-        said = f"{text[begin : one.start]} {text[one.end : stop]}"
+        statement = f"{text[begin : one.start]} {text[one.end : stop]}"
     else:
         limit = lists[i + 1].start if i + 1 < len(lists) else len(text)
-        said = f"{one.label} {text[one.end : limit].partition(chr(10))[0]}"
-    match = _SHARE.search(said)
+        statement = f"{one.label} {text[one.end : limit].partition(chr(10))[0]}"
+    match = _SHARE.search(statement)
     if match is None:
         return None
     value = float(match["value"]) / (100.0 if match["percent"] else 1.0)
@@ -142,14 +142,14 @@ def _clear_maximum(shares: Sequence[float]) -> int | None:
 
 def _picked(text: str, lists: Sequence[LabelledList], names: Sequence[str]) -> str | None:
     """Return the only name that a line picks."""
-    found: set[str] = set()
+    picks: set[str] = set()
     text = text.replace("_", " ")  # "best_option": 1
     for pattern in (_PICKED, _IS_PICKED):
         for match in pattern.finditer(text):
-            given = match.groupdict()
-            name = (given["name"] or given.get("bare") or "").lower()
+            groups = match.groupdict()
+            name = (groups["name"] or groups.get("bare") or "").lower()
             in_list = any(one.start <= match.start() < one.end for one in lists)
             denied = _DENIED.search(text, max(0, match.start() - 30), match.start())
             if name in names and not in_list and denied is None:
-                found.add(name)
-    return found.pop() if len(found) == 1 else None
+                picks.add(name)
+    return picks.pop() if len(picks) == 1 else None

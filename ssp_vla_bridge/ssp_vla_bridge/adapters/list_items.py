@@ -82,15 +82,15 @@ class Item:
 
 def closing_brackets(text: str) -> dict[int, int]:
     """Return offsets of closing brackets by those of their opening ones, each kind for itself."""
-    found: dict[int, int] = {}
+    closings: dict[int, int] = {}
     opened: dict[str, list[int]] = {"[": [], "(": [], "{": []}
     for match in re.finditer(r"[\[\](){}]", text):
         mark = match.group()
         if mark in opened:
             opened[mark].append(match.start())
         elif opened[_CLOSES[mark]]:
-            found[opened[_CLOSES[mark]].pop()] = match.start()
-    return found
+            closings[opened[_CLOSES[mark]].pop()] = match.start()
+    return closings
 
 
 def item_of(text: str, start: int) -> Item | None:
@@ -220,7 +220,7 @@ def remarks(text: str, starts: Sequence[int], ends: Sequence[int]) -> frozenset[
     Returns:
         their indices.
     """
-    found: set[int] = set()
+    indices: set[int] = set()
     items = [
         None if i and text.find("\n", ends[i - 1], start) < 0 else item_of(text, start)
         for i, start in enumerate(starts)
@@ -233,24 +233,24 @@ def remarks(text: str, starts: Sequence[int], ends: Sequence[int]) -> frozenset[
         before = items[last[key]] if key in last else None
         if before is not None and item.number == (before.number and before.number + 1):
             inner = range(last[key] + 1, i)[: _MOST_IN_REMARK + 1]
-            said = [text[ends[k] : starts[k + 1]] for k in inner[:-1]]
-            is_list = any(_LETTER.search(between) is None for between in said)
+            gaps = [text[ends[k] : starts[k + 1]] for k in inner[:-1]]
+            is_list = any(_LETTER.search(between) is None for between in gaps)
             if (
                 len(inner) <= _MOST_IN_REMARK
                 and not is_list
                 and all(_in_remark(text, ends[last[key]], starts[k], item.indent) for k in inner)
             ):
-                found.update(inner)
+                indices.update(inner)
         last[key] = i
     row_end = 0
     for i, start in enumerate(starts):  # in the comment behind a row of code
         near = i > 0 and start - row_end <= _LONGEST_COMMENT
         holds_words = near and _LETTER.search(text, start, ends[i]) is not None
         if holds_words and _IN_COMMENT.fullmatch(text, row_end, start) is not None:
-            found.add(i)
+            indices.add(i)
         else:
             row_end = ends[i]
-    return frozenset(found)
+    return frozenset(indices)
 
 
 def _in_remark(text: str, end: int, start: int, indent: str) -> bool:
@@ -283,9 +283,9 @@ def stated_times(gaps: Sequence[str]) -> tuple[tuple[float, ...], bool]:
         if all(fields) and len(fields) == len(gaps) - 1:
             return _with_units([(one["named"], one["unit"] or one["of"]) for one, *_ in fields])
     for some, at in ((gaps[:-1], _BEFORE), (gaps[1:], _BEHIND)):
-        found = [at.search(gap[-60:]) if at is _BEFORE else at.match(gap) for gap in some]
-        if all(found):
-            return _with_units([_time(match) for match in found if match is not None])
+        matches = [at.search(gap[-60:]) if at is _BEFORE else at.match(gap) for gap in some]
+        if all(matches):
+            return _with_units([_time(match) for match in matches if match is not None])
     remarked = [match for gap in gaps[1:] if (match := _IN_REMARK.match(gap)) is not None]
     if len(remarked) == len(gaps) - 1 > 1:
         times, have_unit = _with_units([_time(match) for match in remarked])
@@ -302,8 +302,9 @@ def _time(match: re.Match[str]) -> tuple[str, str | None]:
     return match["named"] or match["timed"] or match["decimal"], match["unit"] or match["of"]
 
 
-def _with_units(found: Sequence[tuple[str, str | None]]) -> tuple[tuple[float, ...], bool]:
+def _with_units(quantities: Sequence[tuple[str, str | None]]) -> tuple[tuple[float, ...], bool]:
     times = tuple(
-        float(value) * (0.001 if unit and unit.lower() == "ms" else 1.0) for value, unit in found
+        float(value) * (0.001 if unit and unit.lower() == "ms" else 1.0)
+        for value, unit in quantities
     )
-    return times, all(unit for _, unit in found)
+    return times, all(unit for _, unit in quantities)

@@ -152,8 +152,8 @@ def _plain_name(word: str) -> str:
     if timed is not None:
         return "time_ms" if timed["milli"] else "time_s"
     plain = re.sub(r"_(?:m|mps|meters?|metres?)$", "", word).rstrip("0123456789_")
-    named = _NAMED_AXIS.fullmatch(plain)
-    return next(filter(None, named.groups())) if named is not None else plain
+    axis_match = _NAMED_AXIS.fullmatch(plain)
+    return next(filter(None, axis_match.groups())) if axis_match is not None else plain
 
 
 def _time(match: re.Match[str]) -> str:
@@ -167,7 +167,7 @@ def _unusual_row(
     numbers: list[float] = []
     names: list[str] = []
     units: list[str] = []
-    found = set(marks)
+    row_marks = set(marks)
     names_known = _NAMES
     if brackets == "{}":
         names_known = _NAMES | _INDEX_NAMES
@@ -178,11 +178,11 @@ def _unusual_row(
         kind, word = token.lastgroup, token.group()
         if kind == "number":
             if not parted:
-                found.add("a space for a comma")
+                row_marks.add("a space for a comma")
                 bad = bad or not spaced
             if not word.isascii():
                 word = word.translate(_TO_ASCII)
-                found.add("a Unicode minus")
+                row_marks.add("a Unicode minus")
             numbers.append(float(word))
             names.append(name)
             name, parted = "", False
@@ -190,7 +190,7 @@ def _unusual_row(
             units.append(word.lower())
         elif kind == "word" and _plain_name(word) in names_known:
             name = _plain_name(word)
-            found.add("names in rows")
+            row_marks.add("names in rows")
         elif kind == "unit":
             units.append(word)
         elif kind == "comma":
@@ -209,7 +209,7 @@ def _unusual_row(
         () if bad else tuple(numbers),
         tuple(names),
         tuple(units),
-        tuple(sorted(found)),
+        tuple(sorted(row_marks)),
     )
 
 
@@ -319,12 +319,12 @@ def scan_lists(text: str) -> tuple[NumberList, ...]:
     brackets = list(find_rows(text))
     remarked = remarks(text, [row.start for row in brackets], [row.end for row in brackets])
     if remarked:
-        kept: list[str] = []
+        pieces: list[str] = []
         at = 0
         for start, stop in ((brackets[i].start, brackets[i].end) for i in sorted(remarked)):
-            kept += text[at:start], " " * (stop - start)
+            pieces += text[at:start], " " * (stop - start)
             at = stop
-        text = "".join(kept) + text[at:]
+        text = "".join(pieces) + text[at:]
     for row in (row for i, row in enumerate(brackets) if i not in remarked):
         gap = _gap(text, end, row.start)
         item = item_of(text, row.start)
@@ -455,8 +455,8 @@ def _is_stated_span(text: str, row: Row) -> bool:
     line = text.rfind("\n", max(0, row.start - _LABEL_LENGTH), row.start) + 1
     if row.end - row.start > _LABEL_LENGTH or _WORD.search(text, line, row.start) is None:
         return False
-    said = frozenset(_WORD.findall(text[row.start : row.end].lower()))
-    return bool(said & _SECONDS) and said <= _SECONDS | _OF_SPANS
+    words = frozenset(_WORD.findall(text[row.start : row.end].lower()))
+    return bool(words & _SECONDS) and words <= _SECONDS | _OF_SPANS
 
 
 def _is_label(word: str) -> bool:

@@ -94,9 +94,9 @@ def with_brackets(text: str) -> str:
     """Replace rows that name their columns by rows in brackets, in time linear in the length."""
     text = _COLUMNS.sub(_columns, text)
     elements = ((one, _fields) for one in (_ELEMENT, _PARENT, _HOLDER))
-    for pattern, written in ((_LINE, _line), (_MAPPING, _mapping), *elements):
+    for pattern, replacement in ((_LINE, _line), (_MAPPING, _mapping), *elements):
         if sum(1 for _ in pattern.finditer(text)) >= _LEAST:
-            text = pattern.sub(written, text)
+            text = pattern.sub(replacement, text)
     return _with_lists_for_values(text)
 
 
@@ -118,10 +118,10 @@ def _mapping(match: re.Match[str]) -> str:
 
 
 def _fields(match: re.Match[str]) -> str:
-    given = match.groupdict()
-    found = [(one["name"], one[one.lastgroup or ""]) for one in _FIELD.finditer(match["row"])]
-    found += [(axis, given[axis]) for axis in ("x", "y") if given.get(axis)]
-    fields = [_field(name, value.strip()) for name, value in found]
+    groups = match.groupdict()
+    pairs = [(one["name"], one[one.lastgroup or ""]) for one in _FIELD.finditer(match["row"])]
+    pairs += [(axis, groups[axis]) for axis in ("x", "y") if groups.get(axis)]
+    fields = [_field(name, value.strip()) for name, value in pairs]
     if not {"x", "y"} <= {_axis(name) for name, _ in fields}:
         return match.group()
     if not all(value for _, value in fields):
@@ -199,12 +199,12 @@ def _columns(match: re.Match[str]) -> str:
 def _with_lists_for_values(text: str) -> str:
     """Replace comma-separated values below a header by a list behind the header's names."""
     lines = text.split("\n")
-    found: list[str] = []
+    output_lines: list[str] = []
     at = 0
     while at < len(lines):
         header = lines[at]
         if _HEADER.fullmatch(header) is None or not {"x", "y"} <= _names(header):
-            found.append(header)
+            output_lines.append(header)
             at += 1
             continue
         end = at + 1
@@ -212,14 +212,14 @@ def _with_lists_for_values(text: str) -> str:
             end += 1
         rows = [f"[{line.strip()}]" for line in lines[at + 1 : end]]
         if len(rows) < _LEAST or any("[" in row[1:] or "(" in row for row in rows):
-            found += lines[at:end]
+            output_lines += lines[at:end]
         else:
-            found.append(
+            output_lines.append(
                 f"({', '.join(_plain(name) for name in re.split('[,;]', header))})"
                 f" [{', '.join(rows)}]"
             )
         at = end
-    return "\n".join(found)
+    return "\n".join(output_lines)
 
 
 def _names(header: str) -> set[str]:

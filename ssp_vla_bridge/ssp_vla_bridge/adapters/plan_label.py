@@ -249,9 +249,9 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
         heading = f"{before}{_said_by_key(key[1])}{behind}"
         return Label(label, heading, _owner(label, is_key=True))
     elements, is_right_before = _elements(text, start, end)
-    named = _owner(elements, is_key=True) if elements else Owner.UNSAID
-    if named is Owner.OTHER or (is_right_before and named is Owner.OWN):
-        return Label(elements, before + behind, named)
+    element_owner = _owner(elements, is_key=True) if elements else Owner.UNSAID
+    if element_owner is Owner.OTHER or (is_right_before and element_owner is Owner.OWN):
+        return Label(elements, before + behind, element_owner)
     lines = before.split("\n")
     if begin > 0 and begin > end_before:
         lines[0] = lines[0].partition(" ")[2]
@@ -265,7 +265,7 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
             sentence = line.lower()
         own = line[max(0, line.lower().rfind(sentence)) :]
         earlier = "\n".join([*lines[:i], *_SENTENCE_END.split(line[: len(line) - len(own)])])
-        said = "\n".join([*_CONVENTION.findall(earlier), own, *lines[i + 1 :]])
+        heading_text = "\n".join([*_CONVENTION.findall(earlier), own, *lines[i + 1 :]])
         owner = _owner(_PLAIN_USER.sub(" ", sentence) if bare else sentence)
         parents = _parents_by_line(lines[whole:i], line)
         if owner is not Owner.OTHER and parents and _OWN.search(f"{parents} {sentence}") is None:
@@ -273,7 +273,7 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
         if _PRONOUN.search(sentence) and owner is not Owner.OTHER:
             earlier = "\n".join(lines[: i + 1]).lower().removesuffix(sentence)
             owner = Owner.OTHER if _speaks_of_user(earlier) else Owner.UNSAID
-        return Label(sentence, said + behind, owner)
+        return Label(sentence, heading_text + behind, owner)
     return Label("", before + behind, Owner.UNSAID)
 
 
@@ -298,10 +298,10 @@ def _user_beside(text: str, start: int, end: int) -> str:
     begin = max(text.rfind("{", max(0, start - _LOOKED_AT), start), 0)
     stop = text.find("}", end, end + _LOOKED_AT)
     beside = f"{text[begin:start]} {text[end : len(text) if stop < 0 else stop]}"
-    named = [match[1].lower() for match in _NAMED_AS.finditer(beside)]
-    if _ACTION_KEY.search(beside) or any(_OWN.search(name) for name in named):
+    names = [match[1].lower() for match in _NAMED_AS.finditer(beside)]
+    if _ACTION_KEY.search(beside) or any(_OWN.search(name) for name in names):
         return ""
-    return next((name for name in named if _NAMES_USER.fullmatch(name)), "")
+    return next((name for name in names if _NAMES_USER.fullmatch(name)), "")
 
 
 def _speaks_of_user(text: str) -> bool:
@@ -341,7 +341,7 @@ def _elements(text: str, start: int, end: int) -> tuple[str, bool]:
 
 def _parents(text: str, begin: int, start: int) -> list[str]:
     """Return keys of the objects that hold a list, outermost first."""
-    found: list[str] = []
+    keys: list[str] = []
     depth = 0
     for i in range(start - 1, begin - 1, -1):
         mark = text[i]
@@ -351,8 +351,8 @@ def _parents(text: str, begin: int, start: int) -> list[str]:
             if depth:
                 depth -= 1
             elif (match := _PARENT.search(text[max(begin, i - 80) : i])) is not None:
-                found.append(match[1])
-    return found[::-1]
+                keys.append(match[1])
+    return keys[::-1]
 
 
 def _parents_by_line(before: Sequence[str], line: str) -> str:
@@ -360,21 +360,21 @@ def _parents_by_line(before: Sequence[str], line: str) -> str:
     key = re.match(r"([ \t]*)(- )?[\"']?[\w .\-]{1,40}[\"']?:", line)
     indent = len(key[1]) if key is not None else 0
     in_item = key is not None and key[2] is None
-    found: list[str] = []
+    parents: list[str] = []
     for one in reversed(before):
         if not one.strip():
             continue
-        if not found and (heading := _HEADING.match(one)) is not None:
+        if not parents and (heading := _HEADING.match(one)) is not None:
             title = (heading["title"] or heading["bold"]).strip(" :*")
             return title.lower() if _NAMES_USER.fullmatch(title) else ""
         parent = _KEY_LINE.match(one)
         depth = len(one) - len(one.lstrip())
         is_item = one.lstrip().startswith("- ")
         if in_item and indent and (depth == indent or (is_item and depth < indent)):
-            named = _NAME_LINE.match(one)
-            if named is not None and depth + 2 * is_item == indent:
-                name = named["name"].lower()
-                found += [name] if _NAMES_USER.fullmatch(name) or _OWN.search(name) else []
+            name_match = _NAME_LINE.match(one)
+            if name_match is not None and depth + 2 * is_item == indent:
+                name = name_match["name"].lower()
+                parents += [name] if _NAMES_USER.fullmatch(name) or _OWN.search(name) else []
         if is_item and depth < indent:
             in_item, indent = False, depth + 1
             continue
@@ -384,35 +384,37 @@ def _parents_by_line(before: Sequence[str], line: str) -> str:
             continue
         if parent is None:
             break
-        found.append(parent["key"].replace("_", " ").lower())
+        parents.append(parent["key"].replace("_", " ").lower())
         indent = depth
-    return " ".join(reversed(found))
+    return " ".join(reversed(parents))
 
 
 def _owner(words: str, is_key: bool = False) -> Owner:
     """Find the owner of a list by its label or the sentence before it, in lower case."""
-    said = words.replace("’", "'").replace("*", " ").replace("`", " ").strip()
-    said = _NOT_THEIRS.sub(" ", _ASIDE.sub(" ", said))
-    own = _OWN.search(said) is not None
-    if _NOT_AN_ANSWER.fullmatch(said):
+    text = words.replace("’", "'").replace("*", " ").replace("`", " ").strip()
+    text = _NOT_THEIRS.sub(" ", _ASIDE.sub(" ", text))
+    own = _OWN.search(text) is not None
+    if _NOT_AN_ANSWER.fullmatch(text):
         return Owner.OTHER
-    if any(one.search(said) for one in (_REFUSED, _CONDITION, _ASSUMED, _BOXES)):
+    if any(one.search(text) for one in (_REFUSED, _CONDITION, _ASSUMED, _BOXES)):
         return Owner.OTHER
-    if _SENSED.search(said) and not _PLAN.search(said):
+    if _SENSED.search(text) and not _PLAN.search(text):
         return Owner.OTHER
-    road = _ROAD.search(said)
-    if road is not None and _PLAN.search(said, 0, road.start()) is None:
+    road = _ROAD.search(text)
+    if road is not None and _PLAN.search(text, 0, road.start()) is None:
         return Owner.OTHER
     if not own:
-        rest = _OF_OTHERS.sub(" ", said)
+        rest = _OF_OTHERS.sub(" ", text)
         if any(pattern.search(rest) for pattern in _OWNER) and not _is_plain_own(rest):
             return Owner.OTHER
         if is_key and re.search(rf"\b{_USER}\b", rest) and not _is_plain_own(rest):
             return Owner.OTHER
         if is_key and re.search(r"\bpositions?\b|\blocations?\b", rest) and not _PLAN.search(rest):
             return Owner.OTHER
-    named = said if own else _REFERENCE.sub(" ", said)
-    plan = _PLAN.search(named) is not None or (own and re.search(r"\bpositions?|points?\b", said))
+    plan_text = text if own else _REFERENCE.sub(" ", text)
+    plan = _PLAN.search(plan_text) is not None or (
+        own and re.search(r"\bpositions?|points?\b", text)
+    )
     return Owner.OWN if plan else Owner.UNSAID
 
 

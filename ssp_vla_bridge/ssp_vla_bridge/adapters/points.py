@@ -279,8 +279,8 @@ def _read_alpamayo(
         return without_trajectory(response, info, "shape", note)
     shape = array.shape
     width = shape[-1] if shape else 0
-    wanted = math.prod(shape) if all(size >= 0 for size in shape) else -1
-    if not 2 <= len(shape) <= _MOST_AXES or width not in (2, 3) or len(array.data) != wanted:
+    value_count = math.prod(shape) if all(size >= 0 for size in shape) else -1
+    if not 2 <= len(shape) <= _MOST_AXES or width not in (2, 3) or len(array.data) != value_count:
         note = f"{len(array.data)} values of shape {shape} are no [B, sets, samples, n, 3]"
         return without_trajectory(response, info, "shape", note)
     if len(shape) == _MOST_AXES and shape[0] > 1:
@@ -292,9 +292,11 @@ def _read_alpamayo(
         return without_trajectory(response, info, "timestamps", "step or first time isn't finite")
     # Row-major, so set 0, sample 0 of every batch of one comes first.
     points = shape[-2] * width
-    given = len(array.data) // points
-    if given > 1:
-        info = replace(info, notes=(*info.notes, f"the first of {given} trajectories was taken"))
+    trajectory_count = len(array.data) // points
+    if trajectory_count > 1:
+        info = replace(
+            info, notes=(*info.notes, f"the first of {trajectory_count} trajectories was taken")
+        )
     xs, ys = array.data[0:points:width], array.data[1:points:width]
     times_s = _raster(len(xs), array.first_time_s, array.step_s)
     return adapt_points(response, info, xs, ys, times_s, request)

@@ -383,14 +383,14 @@ def convert(
         beside: what stands beside the list; the heading's own times go before its.
     """
     of_label = _in_usual_words(heading.lower())
-    said = f"{_in_usual_words(beside.words)}\n{of_label}" if beside.words else of_label
+    statement = f"{_in_usual_words(beside.words)}\n{of_label}" if beside.words else of_label
     if beside.problem:
         return ConvertedRows((), problem=beside.problem)
     width = len(one.rows[0]) if one.rows else 0
     notes: list[str] = []
     if any(len(row) != width for row in one.rows):
         return ConvertedRows((), problem="the list has rows of different widths")
-    columns = _columns(one, said, meaning, width)
+    columns = _columns(one, statement, meaning, width)
     if isinstance(columns, str):
         return ConvertedRows((), problem=columns)
     rows, times, changed = _arranged(one.rows, columns, meaning)
@@ -399,7 +399,7 @@ def convert(
     if changed:
         names = (_TIME_COLUMNS.get(name, name) for name in columns)
         notes.append(f"converted from the columns ({', '.join(names)})")
-    factors = _factors(one, said, meaning, accepted)
+    factors = _factors(one, statement, meaning, accepted)
     if isinstance(factors, str):
         return ConvertedRows((), problem=factors)
     if factors[0] != (1.0, 1.0):
@@ -410,14 +410,14 @@ def convert(
     if not times.values:
         times = heading_times(of_label, rows, raster)
     if not times.values and beside.words:
-        times = heading_times(said, rows, raster)
-    times = in_seconds(times, said, raster)
+        times = heading_times(statement, rows, raster)
+    times = in_seconds(times, statement, raster)
     if times.problem:
         return ConvertedRows((), problem=times.problem)
     if not times.values and beside.times_problem:
         return ConvertedRows((), problem=beside.times_problem)
     times_s = times.values
-    if _BACKWARDS.search(said) and not one.times_s:
+    if _BACKWARDS.search(statement) and not one.times_s:
         rows, times_s = rows[::-1], times_s if times_s == tuple(sorted(times_s)) else times_s[::-1]
         notes.append("converted from the order that it states, latest first")
     if times_s:
@@ -427,31 +427,33 @@ def convert(
 
 def states_columns(sentence: str) -> bool:
     """Tell whether a sentence in lower case states axes, order, units or a frame of points."""
-    said = _in_usual_words(sentence)
+    statement = _in_usual_words(sentence)
     stated = (_AXIS, _AXIS_BEHIND, _UNIT, _MULTIPLE, _PICTURE, _OTHER_FRAME, _BACKWARDS)
-    return any(one.search(said) for one in stated)
+    return any(one.search(statement) for one in stated)
 
 
-def _in_usual_words(said: str) -> str:
+def _in_usual_words(text: str) -> str:
     for words, usual in _USUAL:
-        said = words.sub(usual, said)
-    return _SIDE_OF_AXIS.sub(r"\1", said)
+        text = words.sub(usual, text)
+    return _SIDE_OF_AXIS.sub(r"\1", text)
 
 
-def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[str, ...] | str:
+def _columns(
+    one: NumberList, statement: str, meaning: Meaning, width: int
+) -> tuple[str, ...] | str:
     """Return the meaning of each column; or the reason why it isn't known."""
-    if "forward" in meaning.columns and (frame := _OTHER_FRAME.search(said)) is not None:
+    if "forward" in meaning.columns and (frame := _OTHER_FRAME.search(statement)) is not None:
         return f"the list is in {frame.group()}"
-    if "forward" in meaning.columns and _DIFFERENCES.search(said) is not None:
+    if "forward" in meaning.columns and _DIFFERENCES.search(statement) is not None:
         return "the list gives the ways of single steps"
-    if "forward" in meaning.columns and (motion := _MOTION.search(said)) is not None:
+    if "forward" in meaning.columns and (motion := _MOTION.search(statement)) is not None:
         return f"the list gives {motion.group()!r}, not places"
-    if "speed" in meaning.columns and (places := _PLACES.search(said)) is not None:
+    if "speed" in meaning.columns and (places := _PLACES.search(statement)) is not None:
         return f"the list gives {places[1]!r}, not speeds and curvatures"
-    axes = {axis: _DIRECTIONS[word] for axis, word in _AXIS.findall(said)}
+    axes = {axis: _DIRECTIONS[word] for axis, word in _AXIS.findall(statement)}
     if not axes:
-        axes = {axis: _DIRECTIONS[word] for word, axis in _AXIS_BEHIND.findall(said)}
-    negative = _NEGATIVE_SIDE.search(said)
+        axes = {axis: _DIRECTIONS[word] for word, axis in _AXIS_BEHIND.findall(statement)}
+    negative = _NEGATIVE_SIDE.search(statement)
     negative_side = (negative[1] or negative[2]) if negative is not None else ""
     axes = {a: _MIRRORED[to] if to == negative_side else to for a, to in axes.items()}
     names: list[str] = []
@@ -461,39 +463,39 @@ def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[
         names = [next(iter(some), "") for some in one.names]
     if not all(names):
         names = []
-    names = names or _stated_names(said, meaning, width, not axes)
-    side = _lateral_side(said, meaning, negative_side)
+    names = names or _stated_names(statement, meaning, width, not axes)
+    side = _lateral_side(statement, meaning, negative_side)
     if not names:
         if width != 2:
             return f"the list has rows of {width} numbers"
         if not axes:
-            sides = {"left": side, "right": side, "curvature": _turn(side, said)}
+            sides = {"left": side, "right": side, "curvature": _turn(side, statement)}
             return tuple(sides.get(column, column) for column in meaning.columns)
         names = ["x", "z"] if set(axes) == {"x", "z"} else ["x", "y"]
     points = "forward" in meaning.columns
     own = dict(zip(("x", "y"), meaning.columns, strict=True)) if points else {}
-    own |= {"lateral": side, "curvature": _turn(side, said)}
-    found: list[str] = []
+    own |= {"lateral": side, "curvature": _turn(side, statement)}
+    columns: list[str] = []
     for name in names:
         plain = _plain(name)
-        meant = axes.get(plain, _NAMES.get(plain, plain))
-        meant = own.get(meant, meant)
-        found.append(_MIRRORED.get(meant, "") if name[0] in _MINUS else meant)
-    if found.count("forward") > 1 or not (_UNREADABLE | {""}).isdisjoint(found):
+        column_meaning = axes.get(plain, _NAMES.get(plain, plain))
+        column_meaning = own.get(column_meaning, column_meaning)
+        columns.append(_MIRRORED.get(column_meaning, "") if name[0] in _MINUS else column_meaning)
+    if columns.count("forward") > 1 or not (_UNREADABLE | {""}).isdisjoint(columns):
         return f"the list names the columns {', '.join(names)}"
-    return tuple(found)
+    return tuple(columns)
 
 
-def _stated_names(said: str, meaning: Meaning, width: int, in_words: bool) -> list[str]:
+def _stated_names(statement: str, meaning: Meaning, width: int, in_words: bool) -> list[str]:
     """Return the names of columns in a heading, with their signs; empty: it names none."""
     names: list[str] = []
-    for match in _TUPLE.finditer(said):
+    for match in _TUPLE.finditer(statement):
         words = [word for word in match.groups() if word]
         if len(words) == width and all(_plain(word) in _NAMES for word in words):
             names = words
     if names or width != 2:
         return names
-    plain = _PLAIN_TUPLE.search(said)
+    plain = _PLAIN_TUPLE.search(statement)
     if plain is not None:
         words = [word for word in plain.groups() if word]
         pairs = ({"speed", "curvature"}, {"x", "y"}, {"lateral", "forward"})
@@ -501,7 +503,7 @@ def _stated_names(said: str, meaning: Meaning, width: int, in_words: bool) -> li
             return words
     if not in_words or "forward" not in meaning.columns:
         return []
-    for bracket in _BRACKET.findall(said):
+    for bracket in _BRACKET.findall(statement):
         parts = [re.findall(r"[^\W\d]+", part) for part in re.split("[,;]", bracket)]
         parts = [part for part in parts if part and not {"positive", "negative"} & {*part}]
         if len(parts) == 2 and all(_COLUMN_WORDS.issuperset(part) for part in parts):
@@ -517,15 +519,15 @@ def _plain(name: str) -> str:
     return name.lstrip(f"{_MINUS}+ ")
 
 
-def _turn(side: str, said: str) -> str:
+def _turn(side: str, statement: str) -> str:
     """Return the meaning of a curvature, whose positive side is left unless a heading says more."""
-    stated = _POSITIVE_SIDE.search(said) or _NEGATIVE_SIDE.search(said)
+    stated = _POSITIVE_SIDE.search(statement) or _NEGATIVE_SIDE.search(statement)
     return _RIGHT_TURN if stated is not None and side == "right" else "curvature"
 
 
-def _lateral_side(said: str, meaning: Meaning, negative_side: str) -> str:
+def _lateral_side(statement: str, meaning: Meaning, negative_side: str) -> str:
     """Return the side to which a column that is only called lateral counts."""
-    if (positive := _POSITIVE_SIDE.search(said)) is not None:
+    if (positive := _POSITIVE_SIDE.search(statement)) is not None:
         return positive[1] or positive[2]
     if negative_side:
         return _MIRRORED[negative_side]
@@ -535,10 +537,10 @@ def _lateral_side(said: str, meaning: Meaning, negative_side: str) -> str:
 def _arranged(rows: Rows, columns: Sequence[str], meaning: Meaning) -> tuple[Rows, Times, bool]:
     """Arrange rows in an interface's order and signs; also return times and if rows changed."""
     picked: list[tuple[int, float]] = []
-    for wanted in meaning.columns:
-        mirrored = _MIRRORED.get(wanted, wanted)
-        if wanted in columns:
-            picked.append((columns.index(wanted), 1.0))
+    for column in meaning.columns:
+        mirrored = _MIRRORED.get(column, column)
+        if column in columns:
+            picked.append((columns.index(column), 1.0))
         elif mirrored in columns:
             picked.append((columns.index(mirrored), -1.0))
         else:
@@ -575,34 +577,36 @@ def _column_of_times(rows: Rows, columns: Sequence[str]) -> Times:
 
 
 def _factors(
-    one: NumberList, said: str, meaning: Meaning, accepted: frozenset[str]
+    one: NumberList, statement: str, meaning: Meaning, accepted: frozenset[str]
 ) -> tuple[tuple[float, float], str] | str:
     """Return the factors of the two columns and the units' names, or why they aren't known."""
     points = "forward" in meaning.columns
-    if points and (picture := _PICTURE.search(said)) is not None:
+    if points and (picture := _PICTURE.search(statement)) is not None:
         return f"the list is in {picture['unit']!r}"
-    if points and (stretched := _SCALED.search(said)) is not None:
+    if points and (stretched := _SCALED.search(statement)) is not None:
         return f"the list is {stretched.group()!r}"
-    if points and (multiple := _MULTIPLE.search(said)) is not None and not one.units:
+    if points and (multiple := _MULTIPLE.search(statement)) is not None and not one.units:
         factor = float(multiple[1]) * _LENGTHS_M[multiple[2]]
         return (factor, factor), f"{multiple[1]} {multiple[2]}"
-    of_axes = dict(_UNIT_OF_AXIS.findall(said)) if points and not _AXIS.search(said) else {}
+    of_axes = (
+        dict(_UNIT_OF_AXIS.findall(statement)) if points and not _AXIS.search(statement) else {}
+    )
     if len({_LENGTHS_M[unit] for unit in of_axes.values()}) > 1:
         first, second = _LENGTHS_M[of_axes["x"]], _LENGTHS_M[of_axes["y"]]
         return (first, second), f"x in {of_axes['x']}, y in {of_axes['y']}"
-    stated = {*one.units, *_UNIT.findall(said)} - {"s"}
+    stated = {*one.units, *_UNIT.findall(statement)} - {"s"}
     if "forward" in meaning.columns and len({_LENGTHS_M.get(unit) for unit in one.units}) > 1:
         return f"the rows are in {' and '.join(sorted(one.units))}"
     stated -= accepted & one.units
     if points:
-        known: dict[str, float] = _LENGTHS_M
-        wrong = sorted(stated - known.keys())
-        lengths = {known[unit] for unit in stated - set(wrong)}
+        units_m: dict[str, float] = _LENGTHS_M
+        wrong = sorted(stated - units_m.keys())
+        lengths = {units_m[unit] for unit in stated - set(wrong)}
         if wrong or len(lengths) > 1:
             return f"the list is in {(wrong or sorted(stated))[0]!r}"
         factor = lengths.pop() if lengths else 1.0
         return (factor, factor), ", ".join(sorted(stated))
-    scale = 1.0 if _HUNDREDTHS.search(said) else meaning.curvature_scale
+    scale = 1.0 if _HUNDREDTHS.search(statement) else meaning.curvature_scale
     speeds = {_SPEEDS_MPS[unit] * meaning.step_s for unit in stated if unit in _SPEEDS_MPS}
     curvatures = {_CURVATURES_PM[unit] * scale for unit in stated if unit in _CURVATURES_PM}
     wrong = sorted(stated - _SPEEDS_MPS.keys() - _CURVATURES_PM.keys() - accepted)

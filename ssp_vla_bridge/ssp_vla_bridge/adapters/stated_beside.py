@@ -190,9 +190,9 @@ def said_beside(
     begin, last = max(begin, start - _LOOKED_AT), min(stop, end + _LOOKED_AT)
     words, problem, of_times = "", "", ""
     for key, value in _fields(text, begin, start, end, last):
-        found = _of_field(key, value, rows, raster)
-        words += found.words
-        problem, of_times = problem or found.problem, of_times or found.times_problem
+        statement = _of_field(key, value, rows, raster)
+        words += statement.words
+        problem, of_times = problem or statement.problem, of_times or statement.times_problem
     for sentence in _sentences(text[begin:start], text[end:last], after_list, stop < len(text)):
         if states_times(sentence) or (points and states_columns(sentence)):
             words += f" ({_IN_BRACKETS.sub(',', sentence)})"
@@ -272,16 +272,16 @@ def _sentences(before: str, behind: str, after_list: bool, list_follows: bool) -
         list_follows: whether another one begins where ``behind`` ends.
     """
     above = [one.strip() for one in _SENTENCE_END.split(before.lower())]
-    found = [one for one in above if _is_statement(one)]
+    sentences = [one for one in above if _is_statement(one)]
     if after_list:
-        found = [one for one in found if _OF_ANOTHER.match(one) is None]
+        sentences = [one for one in sentences if _OF_ANOTHER.match(one) is None]
     below = [
         one.strip() for one in _SENTENCE_END.split(behind.lower()) if any(map(str.isalnum, one))
     ]
     right_behind = next((i for i, one in enumerate(below) if not _is_statement(one)), len(below))
     if right_behind < len(below) or not list_follows:
-        found += below[:right_behind]
-    return found
+        sentences += below[:right_behind]
+    return sentences
 
 
 def _is_statement(sentence: str) -> bool:
@@ -299,144 +299,152 @@ def _horizon(sentence: str) -> str:
 def _of_field(key: str, value: str, rows: int, raster: Raster) -> Beside:
     """Return what one field says of a list."""
     parts = _PART.findall(_CAMEL.sub(" ", key).lower())
-    known = set(parts)
+    key_words = set(parts)
     plain = value.strip("{[]\"' \t").lower()
     plain = re.sub(r"[\"']", "", plain)
     if not parts or not plain:
         return Beside()
-    if not known.isdisjoint({"unit", "units"}):
-        return _of_units(known, value, plain)
-    if (reach := _of_reach(known, value, plain, rows, raster)) is not None:
+    if not key_words.isdisjoint({"unit", "units"}):
+        return _of_units(key_words, value, plain)
+    if (reach := _of_reach(key_words, value, plain, rows, raster)) is not None:
         return reach
-    if (by_way := _of_way(known, plain)) is not None:
+    if (by_way := _of_way(key_words, plain)) is not None:
         return by_way
-    if (bound := _of_bound(known, plain)) is not None:
+    if (bound := _of_bound(key_words, plain)) is not None:
         return bound
     if value in ("true", "false"):
-        return _of_flag(known, plain)
-    if known <= _OF_FRAME and not known.isdisjoint({"frame", "frameid", "system", "crs"}):
-        return _of_frame(known, key, plain)
-    if not known.isdisjoint(_COLUMNS) and known <= _OF_COLUMNS | _OF_ROWS:
+        return _of_flag(key_words, plain)
+    if key_words <= _OF_FRAME and not key_words.isdisjoint({"frame", "frameid", "system", "crs"}):
+        return _of_frame(key_words, key, plain)
+    if not key_words.isdisjoint(_COLUMNS) and key_words <= _OF_COLUMNS | _OF_ROWS:
         return Beside(f"; {key} {plain}; order {plain}")
-    axis = known - _AXIS
+    axis = key_words - _AXIS
     if axis in ({"x"}, {"y"}) and _NUMBER.fullmatch(plain) is None:
         return Beside(f" ({''.join(axis)} {plain})")
-    if not known.isdisjoint(_SCALE) and known <= _SCALE | _OF_LENGTH | {"factor"}:
+    if not key_words.isdisjoint(_SCALE) and key_words <= _SCALE | _OF_LENGTH | {"factor"}:
         scaled = _NUMBER.fullmatch(plain) is not None and float(plain) != 1.0
         return Beside(problem=f"the list is scaled by {plain}" if scaled else "")
-    if not known <= _ALL_OF_TIME or known == {"frame", "rate"}:
+    if not key_words <= _ALL_OF_TIME or key_words == {"frame", "rate"}:
         return Beside()
-    return _of_time(known, key, value, plain, rows, raster)
+    return _of_time(key_words, key, value, plain, rows, raster)
 
 
-def _of_bound(known: set[str], plain: str) -> Beside | None:
+def _of_bound(key_words: set[str], plain: str) -> Beside | None:
     """Return the time of the first or last row that a field states; None: it states none."""
-    rest = known - _OF_ROWS - _SECONDS - _MILLI - _TIMES
+    rest = key_words - _OF_ROWS - _SECONDS - _MILLI - _TIMES
     is_first = rest <= _BEGIN
-    if not rest or not (is_first or rest <= _END) or known.isdisjoint(_TIMES | _SECONDS | _MILLI):
+    if (
+        not rest
+        or not (is_first or rest <= _END)
+        or key_words.isdisjoint(_TIMES | _SECONDS | _MILLI)
+    ):
         return None
     number = re.sub(r"\s*(?:s|secs?|seconds?)$", "", plain)
     if _NUMBER.fullmatch(number) is None:
         return Beside()
-    time_s = float(number) * (0.001 if known & _MILLI else 1.0)
+    time_s = float(number) * (0.001 if key_words & _MILLI else 1.0)
     if not 0.0 < time_s <= _MOST_SECONDS:
         return Beside()
     return Beside(f" (first point at t = {time_s:g} s)" if is_first else f" (horizon {time_s:g} s)")
 
 
-def _of_flag(known: set[str], plain: str) -> Beside:
+def _of_flag(key_words: set[str], plain: str) -> Beside:
     """Return what a field that is true or false says: that rows are ways of single steps."""
-    stepwise = not known.isdisjoint(_STEPWISE) or known >= {"relative", "previous"}
-    if plain == "true" and stepwise and known <= _STEPWISE | _OF_STEPWISE | _OF_ROWS:
+    stepwise = not key_words.isdisjoint(_STEPWISE) or key_words >= {"relative", "previous"}
+    if plain == "true" and stepwise and key_words <= _STEPWISE | _OF_STEPWISE | _OF_ROWS:
         return Beside(problem="the list gives the ways of single steps")
     return Beside()
 
 
-def _of_units(known: set[str], value: str, plain: str) -> Beside:
+def _of_units(key_words: set[str], value: str, plain: str) -> Beside:
     words = set(_WORDS.findall(plain))
-    of_time = known - {"unit", "units"}
+    of_time = key_words - {"unit", "units"}
     if of_time == {"time"}:
         if words <= _SECONDS:
             return Beside()
         milli = words <= _MILLI
         problem = "" if milli else f"the unit of its times is {plain!r}"
         return Beside("; in ms" if milli else "", times_problem=problem)
-    if not known <= _OF_LENGTH:
+    if not key_words <= _OF_LENGTH:
         return Beside()
     unknown = value[:1] != "{" and len(words) == 1 and words.isdisjoint(_UNITS | _SAY_NOTHING)
     problem = f"the list's unit is {plain!r}" if unknown else ""
     return Beside(f"; units {plain} ({plain})", problem)
 
 
-def _of_reach(known: set[str], value: str, plain: str, rows: int, raster: Raster) -> Beside | None:
+def _of_reach(
+    key_words: set[str], value: str, plain: str, rows: int, raster: Raster
+) -> Beside | None:
     """Return what a field says of how far a plan reaches; None: it is no such field.
 
     A number without a unit is a horizon in seconds, unless it counts the rows; of a duration it
     says nothing.
     """
     number = _NUMBER.fullmatch(plain)
-    if "horizon" not in known and value.startswith("["):
+    if "horizon" not in key_words and value.startswith("["):
         return None
-    if known & {"seconds", "secs"} and known - _SECONDS <= _OF_SECONDS:
+    if key_words & {"seconds", "secs"} and key_words - _SECONDS <= _OF_SECONDS:
         if number is None or not raster.step_s < float(plain) <= _MOST_SECONDS:
             return Beside()
         return Beside(f" (horizon {plain} s)")
-    is_total = "total" in known and "time" in known
-    if known.isdisjoint(_REACH) and not is_total and not known >= {"look", "ahead"}:
+    is_total = "total" in key_words and "time" in key_words
+    if key_words.isdisjoint(_REACH) and not is_total and not key_words >= {"look", "ahead"}:
         return None
-    if not known - _REACH - _REACH_WITH <= _ALL_OF_TIME:
-        return Beside() if "horizon" in known else None
-    unit = "ms" if known & _MILLI else "s" if known & _SECONDS else ""
+    if not key_words - _REACH - _REACH_WITH <= _ALL_OF_TIME:
+        return Beside() if "horizon" in key_words else None
+    unit = "ms" if key_words & _MILLI else "s" if key_words & _SECONDS else ""
     if number is not None and not unit:
-        if "horizon" not in known or float(plain) in (rows, raster.rows, rows + 1):
+        if "horizon" not in key_words or float(plain) in (rows, raster.rows, rows + 1):
             return Beside()
         unit = "s"
     return Beside(f" (horizon {plain} {unit})")
 
 
-def _of_way(known: set[str], plain: str) -> Beside | None:
+def _of_way(key_words: set[str], plain: str) -> Beside | None:
     """Return the way between rows that a field states; None: it states none."""
-    rest = known - _METRES
+    rest = key_words - _METRES
     if rest.isdisjoint(_BY_WAY) or not rest <= _BY_WAY | _OF_ROWS | {"distance"}:
         return None
-    number = plain if known & _METRES else re.sub(r"\s*(?:m|met(?:er|re)s?)$", "", plain)
-    if _NUMBER.fullmatch(number) is None or not (known & _METRES or number != plain):
+    number = plain if key_words & _METRES else re.sub(r"\s*(?:m|met(?:er|re)s?)$", "", plain)
+    if _NUMBER.fullmatch(number) is None or not (key_words & _METRES or number != plain):
         return None
     return Beside(f" (every {number} m)")
 
 
-def _of_frame(known: set[str], key: str, plain: str) -> Beside:
+def _of_frame(key_words: set[str], key: str, plain: str) -> Beside:
     words = set(_WORDS.findall(plain.replace("_", " ").replace("/", " ")))
     if any(character.isdigit() for character in plain) and words.isdisjoint(_OTHER_FRAME):
         return Beside()  # the number of a picture
     if words & _OTHER_FRAME and not words & _OWN_FRAME:
         return Beside(problem=f"the list is in the frame {plain!r}")
-    named = {"id", "frameid"} & known
-    if named and words.isdisjoint(_OWN_FRAME | _SAY_NOTHING):
+    id_words = {"id", "frameid"} & key_words
+    if id_words and words.isdisjoint(_OWN_FRAME | _SAY_NOTHING):
         return Beside(problem=f"the list is in the frame {plain!r}")
     return Beside(f"; {key} {plain}; {plain} frame")
 
 
 def _of_time(
-    known: set[str], key: str, value: str, plain: str, rows: int, raster: Raster
+    key_words: set[str], key: str, value: str, plain: str, rows: int, raster: Raster
 ) -> Beside:
-    unit = "ms" if known & _MILLI else "s" if known & _SECONDS else ""
-    if value.startswith("[") or (not known.isdisjoint(_LISTED) and "," in plain):
-        return _of_array(known, key, plain, unit, rows, raster)
-    if "range" in known and not known.isdisjoint(_TIMES):
+    unit = "ms" if key_words & _MILLI else "s" if key_words & _SECONDS else ""
+    if value.startswith("[") or (not key_words.isdisjoint(_LISTED) and "," in plain):
+        return _of_array(key_words, key, plain, unit, rows, raster)
+    if "range" in key_words and not key_words.isdisjoint(_TIMES):
         return Beside(f" (t = {plain} {unit})")
-    is_rate = bool(known & _HERTZ) or (bool(known & _RATE) and len(known) > 1)
-    is_rate = is_rate or not known.isdisjoint({"frequency", "freq", "samplerate"})
-    is_step = not is_rate and (bool(known & _STEP) or known >= {"delta", "t"})
-    some = not (is_rate or is_step) and bool(known & _STEP_OF_SOME)
-    if some and (unit or (known & _STEP_OF_SOME and known & (_OF_TIME - {"sampling", "sample"}))):
+    is_rate = bool(key_words & _HERTZ) or (bool(key_words & _RATE) and len(key_words) > 1)
+    is_rate = is_rate or not key_words.isdisjoint({"frequency", "freq", "samplerate"})
+    is_step = not is_rate and (bool(key_words & _STEP) or key_words >= {"delta", "t"})
+    some = not (is_rate or is_step) and bool(key_words & _STEP_OF_SOME)
+    if some and (
+        unit or (key_words & _STEP_OF_SOME and key_words & (_OF_TIME - {"sampling", "sample"}))
+    ):
         is_step, some = True, False
     number = _NUMBER.fullmatch(plain)
     if number is not None and (is_rate or is_step):
         return Beside(f" ({plain} hz)" if is_rate else f" (dt {plain} {unit})")
     if some and number is not None:
         # A count of a step, "step": 2, says nothing; another span may be one of space.
-        if known <= {"step", "steps"} and float(plain).is_integer():
+        if key_words <= {"step", "steps"} and float(plain).is_integer():
             return Beside()
         if abs(float(plain) - raster.step_s) < 1e-9:
             return Beside()
@@ -452,28 +460,28 @@ def _of_time(
 
 
 def _of_array(
-    known: set[str], key: str, plain: str, unit: str, rows: int, raster: Raster
+    key_words: set[str], key: str, plain: str, unit: str, rows: int, raster: Raster
 ) -> Beside:
     """Return the times that a field states for each row."""
-    if known.isdisjoint(_TIMES | _SECONDS | _MILLI):
+    if key_words.isdisjoint(_TIMES | _SECONDS | _MILLI):
         return Beside()
     problem = Beside(times_problem=f"the times can't be read that {key!r} states: {plain[:60]!r}")
-    given = [
+    entries = [
         re.sub(r"^t\s*[+=]\s*|\s*(?:s|secs?|seconds?)$", "", one.strip())
         for one in plain.split(",")
     ]
-    if not all(_NUMBER.fullmatch(one) for one in given):
+    if not all(_NUMBER.fullmatch(one) for one in entries):
         return problem
-    values = [float(one) for one in given]
+    values = [float(one) for one in entries]
     if len(values) == rows + 1 and values[0] == 0:
-        values, given = values[1:], given[1:]
+        values, entries = values[1:], entries[1:]
     if len(values) != rows:
         span = len(values) == 2
-        return Beside(f" (t = {given[0]} to {given[1]} {unit or 's'})") if span else problem
-    counted = not known.isdisjoint({"steps", "timesteps", "step", "timestep"}) and not unit
+        return Beside(f" (t = {entries[0]} to {entries[1]} {unit or 's'})") if span else problem
+    counted = not key_words.isdisjoint({"steps", "timesteps", "step", "timestep"}) and not unit
     first = values[0]
     if counted and first in (0, 1) and values == [first + k for k in range(rows)]:
         if abs(raster.step_s - 1.0) < 1e-9 or rows < 2:
             return Beside()
         return Beside(times_problem=f"{key!r} may count steps or seconds: {plain[:60]!r}")
-    return Beside(f" (times {', '.join(given)} {unit})")
+    return Beside(f" (times {', '.join(entries)} {unit})")

@@ -193,8 +193,8 @@ class Beside:
 
 def states_times(words: str) -> bool:
     """Tell whether words in lower case state the times of rows in a way that is read."""
-    for written, number in _IN_WORDS:
-        words = written.sub(number, words)
+    for pattern, number in _IN_WORDS:
+        words = pattern.sub(number, words)
     return any(one.search(words) for one in (_TIMES, _FIRST)) or _step(words)[0] is not None
 
 
@@ -203,8 +203,8 @@ def stated_horizon(sentence: str) -> str:
 
     It names the plan, or has no words but those of the horizon; empty: it states none.
     """
-    for written, number in _IN_WORDS:
-        sentence = written.sub(number, sentence)
+    for pattern, number in _IN_WORDS:
+        sentence = pattern.sub(number, sentence)
     match = _HORIZON.search(sentence)
     if match is None:
         return ""
@@ -215,18 +215,18 @@ def stated_horizon(sentence: str) -> str:
     return f"horizon {last:g} {unit}"
 
 
-def in_seconds(times: Times, said: str, raster: Raster) -> Times:
+def in_seconds(times: Times, heading: str, raster: Raster) -> Times:
     """Return times in seconds, or say why their unit isn't known.
 
     Args:
         times: as the list or its heading states them.
-        said: the heading, in lower case.
+        heading: in lower case.
         raster: of the interface; its horizon bounds what can be seconds.
     """
     values = times.values
     if not values or times.unit_is_known:
         return times
-    if _IN_MS.search(said) is not None:
+    if _IN_MS.search(heading) is not None:
         return Times(tuple(0.001 * value for value in values), unit_is_known=True)
     if values[0] > _LATEST_S or max(values) > max(_LATEST_S, _HORIZONS * raster.horizon_s):
         last = f"the last one is {max(values):g}"
@@ -234,28 +234,28 @@ def in_seconds(times: Times, said: str, raster: Raster) -> Times:
     return times
 
 
-def heading_times(said: str, rows: Sequence[Sequence[float]], raster: Raster) -> Times:
+def heading_times(heading: str, rows: Sequence[Sequence[float]], raster: Raster) -> Times:
     """Read the times that a heading states for a list's rows.
 
     Args:
-        said: the heading, in lower case.
+        heading: in lower case.
         rows: the list's.
         raster: of the interface.
     """
     for words, number in _IN_WORDS:
-        said = words.sub(number, said)
+        heading = words.sub(number, heading)
     count = len(rows)
-    listed = _TIMES.search(said)
+    listed = _TIMES.search(heading)
     if listed is not None:
-        given = listed["timed"] or listed["named"] or listed["bare"]
-        values = tuple(float(value) for value in re.findall(_NUMBER, given))
+        numbers_text = listed["timed"] or listed["named"] or listed["bare"]
+        values = tuple(float(value) for value in re.findall(_NUMBER, numbers_text))
         if len(values) == count:
             unit = listed["unit"] or (f"{listed['in'] or ''}s" if listed["named"] else "")
             return _scaled(values, unit)
-    step, unit = _step(said)
-    first = _first(said)
+    step, unit = _step(heading)
+    first = _first(heading)
     if step is None and first is None:
-        ranged = _ranged(said, rows, raster)
+        ranged = _ranged(heading, rows, raster)
         if ranged.values or ranged.problem:
             return ranged
     starts_at_origin = _is_origin(rows)
@@ -264,10 +264,10 @@ def heading_times(said: str, rows: Sequence[Sequence[float]], raster: Raster) ->
         if of_row or first_s or starts_at_origin:
             return _from_first(first_s, step, unit, count, raster)
     if step is None:
-        return Times(problem=_unread(said, count, raster))
+        return Times(problem=_unread(heading, count, raster))
     scaled = _scaled((step,), unit)
     step_s = scaled.values[0]
-    if (ranged_s := _range_of(said, count, step_s)) is not None:
+    if (ranged_s := _range_of(heading, count, step_s)) is not None:
         return Times(tuple(ranged_s + k * step_s for k in range(count)), scaled.unit_is_known)
     whole = step_s > 0 and abs(raster.horizon_s / step_s + 1 - count) < _TOLERANCE
     begin = 0 if starts_at_origin and whole else 1
@@ -283,9 +283,9 @@ def _is_origin(rows: Sequence[Sequence[float]]) -> bool:
     return bool(rows) and all(abs(value) <= _AT_ORIGIN_M for value in rows[0])
 
 
-def _step(said: str) -> tuple[float | None, str]:
+def _step(heading: str) -> tuple[float | None, str]:
     """Return the step that a heading states, and its unit; None: it states none."""
-    free = _HORIZON.sub(" ", said)
+    free = _HORIZON.sub(" ", heading)
     step = _STEP.search(free)
     rate = _RATE.search(free)
     if rate is not None and (step is None or step["bare"] or rate.start() < step.start()):
@@ -300,13 +300,13 @@ def _step(said: str) -> tuple[float | None, str]:
     return float(step["before"] or step["behind"]), step["unit"] or step["of"]
 
 
-def _first(said: str) -> tuple[bool, float] | None:
+def _first(heading: str) -> tuple[bool, float] | None:
     """Return if a heading names the first row, and the time that it states for it, s."""
-    match = _FIRST.search(said)
+    match = _FIRST.search(heading)
     if match is not None:
-        given, unit = match["named"] or match["timed"], match["of"] or match["unit"]
-        return True, _scaled((float(given),), unit or "s").values[0]
-    match = _BEGINS.search(said)
+        time_text, unit = match["named"] or match["timed"], match["of"] or match["unit"]
+        return True, _scaled((float(time_text),), unit or "s").values[0]
+    match = _BEGINS.search(heading)
     if match is None:
         return None
     return False, _scaled((float(match[1]),), match[2] or "s").values[0]
@@ -322,9 +322,9 @@ def _from_first(first_s: float, step: float | None, unit: str, count: int, raste
     return Times(values, scaled.unit_is_known)
 
 
-def _range_of(said: str, count: int, step_s: float) -> float | None:
+def _range_of(heading: str, count: int, step_s: float) -> float | None:
     """Return the first time of a range that so many rows fill at a step; None: there is none."""
-    for match in _RANGE.finditer(said):
+    for match in _RANGE.finditer(heading):
         unit = match["unit"] or match["of"] or ("s" if match["key"] else "")
         first, last = _scaled((float(match["first"]), float(match["last"])), unit).values
         if unit and first > 0 and abs(first + (count - 1) * step_s - last) < _TOLERANCE * count:
@@ -332,10 +332,10 @@ def _range_of(said: str, count: int, step_s: float) -> float | None:
     return None
 
 
-def _ranged(said: str, rows: Sequence[Sequence[float]], raster: Raster) -> Times:
+def _ranged(heading: str, rows: Sequence[Sequence[float]], raster: Raster) -> Times:
     """Read "seconds 1 to 6"; from 0 on it is the time that the plan covers."""
     count = len(rows)
-    for match in (found for part in _statements(said) for found in _RANGE.finditer(part)):
+    for match in (one for part in _statements(heading) for one in _RANGE.finditer(part)):
         key = match["key"] or ""
         unit = match["unit"] or match["of"] or ("s" if key.startswith("second") else "")
         if not unit and not key:
@@ -352,25 +352,25 @@ def _ranged(said: str, rows: Sequence[Sequence[float]], raster: Raster) -> Times
     return Times()
 
 
-def _statements(said: str, known: frozenset[str] = STATING) -> list[str]:
+def _statements(heading: str, words: frozenset[str] = STATING) -> list[str]:
     """Return the brackets of a heading, and clauses behind its plan's name, that speak of times.
 
     Args:
-        said: the heading, in lower case.
-        known: the words of which they consist.
+        heading: in lower case.
+        words: of which they consist.
     """
-    rest = _BRACKET.sub(" , ", said)
+    rest = _BRACKET.sub(" , ", heading)
     plans = list(_PLAN.finditer(rest))
     clauses = _CLAUSE_END.split(rest[plans[-1].end() :]) if plans else []
-    parts = (*_BRACKET.findall(said), *clauses)
-    return [part for part in parts if known.issuperset(_WORDS.findall(part))]
+    parts = (*_BRACKET.findall(heading), *clauses)
+    return [part for part in parts if words.issuperset(_WORDS.findall(part))]
 
 
-def _other_horizon(said: str, count: int, raster: Raster) -> str:
+def _other_horizon(heading: str, count: int, raster: Raster) -> str:
     """Name a horizon that is neither that of the rows nor the interface's, else nothing."""
-    parts = (*_statements(said, REACHING), *_HORIZON_LINE.findall(said))
-    named = [match.group() for match in _NAMED_BY_HORIZON.finditer(said)]
-    for part in (*parts, *named):
+    parts = (*_statements(heading, REACHING), *_HORIZON_LINE.findall(heading))
+    phrases = [match.group() for match in _NAMED_BY_HORIZON.finditer(heading)]
+    for part in (*parts, *phrases):
         match = _HORIZON.search(part)
         if match is None:
             continue
@@ -381,8 +381,8 @@ def _other_horizon(said: str, count: int, raster: Raster) -> str:
 
 def _reach(match: re.Match[str]) -> tuple[float, str]:
     """Return the time and the unit of a horizon."""
-    given = match["behind"] or match["before"] or match["last"]
-    return float(given), match["unit"] or match["of"] or match["at"]
+    time_text = match["behind"] or match["before"] or match["last"]
+    return float(time_text), match["unit"] or match["of"] or match["at"]
 
 
 def _is_other(last: float, unit: str, count: int, raster: Raster) -> bool:
@@ -392,11 +392,11 @@ def _is_other(last: float, unit: str, count: int, raster: Raster) -> bool:
     return not of_rows and abs(horizon_s - raster.horizon_s) > _TOLERANCE
 
 
-def _unread(said: str, count: int, raster: Raster) -> str:
+def _unread(heading: str, count: int, raster: Raster) -> str:
     """Say what a heading states of times that isn't read, empty where that is nothing."""
-    if other := _other_horizon(said, count, raster):
+    if other := _other_horizon(heading, count, raster):
         return f"the list's times are unknown: {count} rows for {other!r}"
-    for part in _statements(said):
+    for part in _statements(heading):
         if (by_way := _BY_WAY.search(part)) is not None:
             return f"the list's times are unknown: {by_way.group()!r}"
         span = _ONLY_SPAN.fullmatch(part)

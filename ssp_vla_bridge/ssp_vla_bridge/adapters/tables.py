@@ -54,7 +54,7 @@ def with_lists_for_tables(text: str, is_of_points: bool, text_is_cut: bool) -> s
     if "|" not in text:
         return text
     lines = text.split("\n")
-    found: list[str] = []
+    output_lines: list[str] = []
     at = 0
     while at < len(lines):
         if at + 1 < len(lines) and "|" in lines[at] and _RULE.fullmatch(lines[at + 1]) is not None:
@@ -62,13 +62,13 @@ def with_lists_for_tables(text: str, is_of_points: bool, text_is_cut: bool) -> s
             while end < len(lines) and "|" in lines[end]:
                 end += 1
             is_open = text_is_cut and not any(line.strip() for line in lines[end:])
-            made = _list_of(lines[at], lines[at + 2 : end], is_of_points, is_open)
-            found += lines[at:end] if made is None else [made]
+            replacement = _list_of(lines[at], lines[at + 2 : end], is_of_points, is_open)
+            output_lines += lines[at:end] if replacement is None else [replacement]
             at = end
         else:
-            found.append(lines[at])
+            output_lines.append(lines[at])
             at += 1
-    return "\n".join(found)
+    return "\n".join(output_lines)
 
 
 def _list_of(header: str, lines: Sequence[str], is_of_points: bool, is_open: bool) -> str | None:
@@ -106,10 +106,10 @@ def _list_of(header: str, lines: Sequence[str], is_of_points: bool, is_open: boo
 
 def _own_rows(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> list[int]:
     """Return the rows that a column of road users gives to the own vehicle."""
-    named = [i for i, title in enumerate(titles) if not _OF_USERS.isdisjoint(_words(title))]
-    if len(named) != 1:
+    user_columns = [i for i, title in enumerate(titles) if not _OF_USERS.isdisjoint(_words(title))]
+    if len(user_columns) != 1:
         return []
-    place = named[0]
+    place = user_columns[0]
     return [
         i
         for i, row in enumerate(cells)
@@ -142,8 +142,10 @@ def _column(titles: Sequence[str], names: Sequence[str]) -> _Column | None:
             if name == "lateral" or (name in ("x", "y") and len(words) > 1):
                 name = next((side for side in ("left", "right") if side in words), name)
             unit = _UNIT.search(title)
-            known = unit[1].lower() if unit is not None and unit[1].lower() not in words[:1] else ""
-            return _Column(place, name, "" if known in names else known)
+            unit_name = (
+                unit[1].lower() if unit is not None and unit[1].lower() not in words[:1] else ""
+            )
+            return _Column(place, name, "" if unit_name in names else unit_name)
     return None
 
 
@@ -159,8 +161,8 @@ def _time_place(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> int | 
 
 def _states_unit(title: str, cells: Sequence[Sequence[str]]) -> bool:
     """Tell whether a column of times says that they are seconds, or of what they are converted."""
-    given = not {"s", "ms", "sec", "secs", "second", "seconds"}.isdisjoint(_words(title))
-    return given or all(one and _TIME_WITH_UNIT.fullmatch(one[0]) for one in cells)
+    has_unit = not {"s", "ms", "sec", "secs", "second", "seconds"}.isdisjoint(_words(title))
+    return has_unit or all(one and _TIME_WITH_UNIT.fullmatch(one[0]) for one in cells)
 
 
 def _row(

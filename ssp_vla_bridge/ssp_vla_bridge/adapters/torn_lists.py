@@ -46,14 +46,14 @@ def whole_lists(text: str, lists: Sequence[NumberList], count: int) -> list[Numb
         lists: in the text's order.
         count: of the rows asked for.
     """
-    found: list[NumberList] = []
+    joined_lists: list[NumberList] = []
     for one in lists:
-        joined = _joined(found[-1], one, text, count) if found else None
+        joined = _joined(joined_lists[-1], one, text, count) if joined_lists else None
         if joined is None:
-            found.append(one)
+            joined_lists.append(one)
         else:
-            found[-1] = joined
-    return _marked(text, found, count)
+            joined_lists[-1] = joined
+    return _marked(text, joined_lists, count)
 
 
 def _joined(one: NumberList, two: NumberList, text: str, count: int) -> NumberList | None:
@@ -102,7 +102,7 @@ def _same_bullet(text: str, one: NumberList, two: NumberList, bare: bool = False
 
 def _marked(text: str, lists: Sequence[NumberList], count: int) -> list[NumberList]:
     """Mark lists that words tear, where all of them have the rows asked for."""
-    found: list[NumberList] = []
+    marked_lists: list[NumberList] = []
     run: list[NumberList] = []
     for i, one in enumerate(lists):
         run.append(one)
@@ -111,9 +111,9 @@ def _marked(text: str, lists: Sequence[NumberList], count: int) -> list[NumberLi
             continue
         if len(run) > 1 and sum(len(part.rows) for part in run) == count:
             run = [replace(part, fault=part.fault or UNREAD) for part in run]
-        found += run
+        marked_lists += run
         run = []
-    return found
+    return marked_lists
 
 
 def _is_torn(text: str, one: NumberList, two: NumberList) -> bool:

@@ -50,8 +50,8 @@ def turned(text: str, fact: str, is_plan: bool = False) -> str:
         is_plan: all of the text is about what the model itself does.
     """
     if fact == OBJECT:
-        found = _OBJECT.sub(_other_object, text)
-        return re.sub(r"\b(a)n(?= (?:pedestrian|car)\b)", r"\1", found, flags=re.IGNORECASE)
+        new_text = _OBJECT.sub(_other_object, text)
+        return re.sub(r"\b(a)n(?= (?:pedestrian|car)\b)", r"\1", new_text, flags=re.IGNORECASE)
     if fact == SIDE:
         return _SIDE.sub(lambda m: _as("right" if m[1].lower() == "left" else "left", m[1]), text)
     if fact == ACTION:
@@ -91,10 +91,10 @@ def before_trajectory(text: str) -> str:
         PeerError: it gives no numbers, or says nothing before them.
     """
     row = next(iter(find_rows(text)), None)
-    said = "" if row is None else text[: row.start].rstrip(" \t[({")
-    if not re.search(r"\w", said):
+    preamble = "" if row is None else text[: row.start].rstrip(" \t[({")
+    if not re.search(r"\w", preamble):
         raise PeerError("n/a: the answer has no text before a trajectory that could be given back")
-    return said
+    return preamble
 
 
 def check_continued(completion: str) -> None:

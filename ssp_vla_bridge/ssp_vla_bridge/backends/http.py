@@ -175,15 +175,15 @@ class HttpService:
     def _answer(self, reply: HttpReply, request_id: str) -> ServiceAnswer:
         answer = self._read(reply, "/answer", answer_from_json)
         if answer.request_id != request_id:
-            shown = self._short(answer.request_id)
-            raise PeerError(self._text(f"the answer is for another request ({shown!r})"))
+            answer_id = self._short(answer.request_id)
+            raise PeerError(self._text(f"the answer is for another request ({answer_id!r})"))
         names = [(array.name, array.frame, array.unit) for array in answer.arrays]
         self._refuse_key([answer.model_id, answer.text, dict(answer.decoding), names])
         return answer
 
-    def _refuse_key(self, kept: list[Any]) -> None:
+    def _refuse_key(self, contents: list[Any]) -> None:
         """Refuse to store an answer that holds the key, which the service may have repeated."""
-        if gives_away(json.dumps(kept).encode(), self.key):
+        if gives_away(json.dumps(contents).encode(), self.key):
             raise PeerError(self._text("the answer repeats the key, and isn't kept"))
 
     # -- one exchange --------------------------------------------------------------------------
@@ -249,8 +249,8 @@ class HttpService:
                 read += chunk
                 if len(read) > self.max_bytes:
                     raise _TooLargeError
-            named = {name.lower(): value for name, value in response.headers.items()}
-            return HttpReply(response.status, named, bytes(read))
+            reply_headers = {name.lower(): value for name, value in response.headers.items()}
+            return HttpReply(response.status, reply_headers, bytes(read))
 
     def _read(self, reply: HttpReply, path: str, read: Callable[[Any], Read]) -> Read:
         """Read a reply; raise PeerError for one that isn't of the exchange."""
@@ -264,9 +264,9 @@ class HttpService:
                 kind = self._short(reply.headers.get("content-type", "no content type"))
                 begins = f" ({kind}, begins with {self._said(reply.body)[:40]!r})"
             where = f"{error.field}: " if error.field else ""
-            shown = error.value is not None and self.key is None
-            given = f" (got {error.value!r})" if shown else ""
-            problem = self._short(error.problem + given)
+            is_printable = error.value is not None and self.key is None
+            value_text = f" (got {error.value!r})" if is_printable else ""
+            problem = self._short(error.problem + value_text)
             raise PeerError(
                 self._text(f"{what} can't be read{begins}: {where}{problem}")
             ) from error
@@ -334,22 +334,22 @@ def make(
         InputError: the options are wrong.
     """
     check_options(name, options, OPTIONS)
-    chosen = {"interface": "waypoints", **(defaults or {}), **options}
-    if "url" not in chosen:
+    settings = {"interface": "waypoints", **(defaults or {}), **options}
+    if "url" not in settings:
         raise InputError(
             "is missing",
             field="backend_options.url",
             remedy="give the service's address, such as http://127.0.0.1:8300",
         )
     service = HttpService(
-        url=address_option(chosen["url"], "url", "http://127.0.0.1:8300"),
-        interface=find_interface(chosen["interface"]).name,
-        key=key_option(chosen),
-        key_name=chosen.get("api_key_env", ""),
-        max_bytes=round(number_option(chosen, "max_mb", 16.0, 0.001, 1024.0) * (1 << 20)),
-        timeout_s=number_option(chosen, "timeout_s", 60.0, 0.001, 86400.0),
-        start_s=number_option(chosen, "start_s", 20.0, 0.0, 86400.0),
-        tries=int(number_option(chosen, "tries", 3, 1, 100)),
+        url=address_option(settings["url"], "url", "http://127.0.0.1:8300"),
+        interface=find_interface(settings["interface"]).name,
+        key=key_option(settings),
+        key_name=settings.get("api_key_env", ""),
+        max_bytes=round(number_option(settings, "max_mb", 16.0, 0.001, 1024.0) * (1 << 20)),
+        timeout_s=number_option(settings, "timeout_s", 60.0, 0.001, 86400.0),
+        start_s=number_option(settings, "start_s", 20.0, 0.0, 86400.0),
+        tries=int(number_option(settings, "tries", 3, 1, 100)),
     )
     service.wait_ready()
     return service

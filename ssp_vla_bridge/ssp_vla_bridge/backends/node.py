@@ -70,11 +70,11 @@ def error_of(topic: str, code: int, text: str) -> SspError | None:
         text: error_msg of it.
     """
     try:
-        known = ErrorCode(code)
+        error_code = ErrorCode(code)
     except ValueError:
         numbers = ", ".join(f"{one.value} {one.name}" for one in ErrorCode)
         return PeerError(
             f"{topic}: error_code is no number of VlaResponse.msg (got {code}, and {text!r}); "
             f"expected is one of {numbers}"
         )
-    return None if known is ErrorCode.NONE else _ERRORS.get(known, PeerError)(text)
+    return None if error_code is ErrorCode.NONE else _ERRORS.get(error_code, PeerError)(text)

@@ -119,27 +119,27 @@ class Options:
         return {**sent, "stream": False, **self.extra}
 
 
-def read_options(given: Mapping[str, Any]) -> Options:
+def read_options(options: Mapping[str, Any]) -> Options:
     """Return the options, with the key from the environment.
 
     Raises:
         InputError: one is missing, unknown or wrong, or the variable holds no key.
     """
     # A null is a parameter that isn't sent; of other options it is what leaving them out is.
-    check_options("openai", {k: v for k, v in given.items() if v is not None}, _TYPES)
-    check_options("openai", dict.fromkeys(given.keys() - _TYPES.keys()), _TYPES)
+    check_options("openai", {k: v for k, v in options.items() if v is not None}, _TYPES)
+    check_options("openai", dict.fromkeys(options.keys() - _TYPES.keys()), _TYPES)
     for name in ("base_url", "model"):
-        if not str(given.get(name) or "").strip():
+        if not str(options.get(name) or "").strip():
             raise InputError(
                 "is missing",
                 field=f"backend_options.{name}",
                 remedy='give such as {"base_url": "http://localhost:8000/v1", "model": "NAME"}',
             )
-    interface = given.get("interface") or "openemma"
+    interface = options.get("interface") or "openemma"
     find_stages(interface)
-    extra = given.get("extra") or {}
+    extra = options.get("extra") or {}
     try:
-        recorded = canonical_json([given["model"], extra])
+        recorded = canonical_json([options["model"], extra])
     except (ValueError, TypeError) as error:
         raise InputError(
             f"is no JSON ({error})",
@@ -154,7 +154,7 @@ def read_options(given: Mapping[str, Any]) -> Options:
         raise InputError(
             "is no extra parameter", field=f"backend_options.extra.{name}", remedy=remedy
         )
-    give_back = given.get("give_back") or ""
+    give_back = options.get("give_back") or ""
     if give_back and give_back not in FACTS:
         raise InputError(
             "is nothing that can be turned",
@@ -162,44 +162,44 @@ def read_options(given: Mapping[str, Any]) -> Options:
             value=give_back,
             remedy=f"known are {', '.join(FACTS)}",
         )
-    if (images := given.get("images")) not in (None, NO_IMAGES):
+    if (images := options.get("images")) not in (None, NO_IMAGES):
         raise InputError(
             "is no choice of pictures",
             field="backend_options.images",
             value=images,
             remedy=f"{NO_IMAGES} asks without any; left out, the frames are sent",
         )
-    key = key_option(given)
+    key = key_option(options)
     if gives_away(recorded, key):
         raise InputError(
             "the key stands in model or extra, which are recorded",
             field="backend_options",
             remedy="leave the key to the environment",
         )
-    width = given.get("image_width")
+    width = options.get("image_width")
     return Options(
-        base_url=address_option(given["base_url"], "base_url", "http://localhost:8000/v1"),
-        model=given["model"],
+        base_url=address_option(options["base_url"], "base_url", "http://localhost:8000/v1"),
+        model=options["model"],
         interface=interface,
-        decoding={name: _decoding(given, name) for name in _DECODING},
-        timeout_s=number_option(given, "timeout_s", 60.0, 0.001, 86400.0),
-        tries=int(number_option(given, "tries", 3, 1, 20)),
+        decoding={name: _decoding(options, name) for name in _DECODING},
+        timeout_s=number_option(options, "timeout_s", 60.0, 0.001, 86400.0),
+        tries=int(number_option(options, "tries", 3, 1, 20)),
         image_width_px=None
         if width is None
-        else int(number_option(given, "image_width", 0, 16, 8192)),
-        blind=is_blind(given),
+        else int(number_option(options, "image_width", 0, 16, 8192)),
+        blind=is_blind(options),
         give_back=give_back,
         extra=dict(extra),
-        api_key_env=given.get("api_key_env") or "",
+        api_key_env=options.get("api_key_env") or "",
         key=key,
     )
 
 
-def _decoding(given: Mapping[str, Any], name: str) -> float | None:
+def _decoding(options: Mapping[str, Any], name: str) -> float | None:
     """Return a parameter of the request; null leaves it out, for servers that refuse it."""
-    if name in given and given[name] is None:
+    if name in options and options[name] is None:
         return None
-    return number_option(given, name, *_DECODING[name])
+    return number_option(options, name, *_DECODING[name])
 
 
 # What continues a text that is given, for vLLM and SGLang; others refuse what they don't know.
@@ -265,16 +265,19 @@ class OpenAIBackend:
         with part(ENCODING):
             pictures = [self._picture(frame) for frame in request.frames]
         before: dict[str, str] = {}
-        said = []
+        stage_answers = []
         for stage in self._stages:
-            given = self._given(before) if before and stage is self._stages[-1] else {}
-            prompt = stage.build(request, given or before)
-            one = replace(self._ask(stage.name, prompt, pictures, end_s), given=given)
+            turned_texts = self._given(before) if before and stage is self._stages[-1] else {}
+            prompt = stage.build(request, turned_texts or before)
+            one = replace(self._ask(stage.name, prompt, pictures, end_s), given=turned_texts)
             if self._options.give_back and len(self._stages) == 1:
                 one = self._asked_on(one, pictures, end_s)
             before[stage.name] = split_answer(one.text).text
-            said.append(one)
-        return Answer(STAGE_GAP.join(one.text for one in said), decoding=self._facts(request, said))
+            stage_answers.append(one)
+        return Answer(
+            STAGE_GAP.join(one.text for one in stage_answers),
+            decoding=self._facts(request, stage_answers),
+        )
 
     def _given(self, before: Mapping[str, str]) -> dict[str, str]:
         """Return the texts of earlier stages as they are given back; empty: unchanged.
@@ -283,11 +286,11 @@ class OpenAIBackend:
             PeerError: they don't say the fact that is to be turned.
         """
         fact = self._options.give_back
-        found = {
+        turned_texts = {
             name: turned(text, fact, is_plan=name == "intent") for name, text in before.items()
         }
-        self._check_turned(found != before)
-        return found if fact else {}
+        self._check_turned(turned_texts != before)
+        return turned_texts if fact else {}
 
     def _check_turned(self, is_turned: bool) -> None:
         fact = self._options.give_back
@@ -302,17 +305,17 @@ class OpenAIBackend:
         Raises:
             PeerError: there is nothing to give back, or the server doesn't go on with it.
         """
-        said = before_trajectory(split_answer(own.text).text)
-        given = turned(said, self._options.give_back)
-        self._check_turned(given != said)
-        on = self._ask(own.name, own.prompt, pictures, end_s, given)
+        preamble = before_trajectory(split_answer(own.text).text)
+        turned_preamble = turned(preamble, self._options.give_back)
+        self._check_turned(turned_preamble != preamble)
+        on = self._ask(own.name, own.prompt, pictures, end_s, turned_preamble)
         check_continued(on.text)
         return replace(
             on,
-            text=f"{said} {on.text.lstrip()}",
+            text=f"{preamble} {on.text.lstrip()}",
             tries=own.tries + on.tries,
             latency_s=own.latency_s + on.latency_s,
-            given={own.name: given},
+            given={own.name: turned_preamble},
         )
 
     def _ask(
@@ -354,10 +357,10 @@ class OpenAIBackend:
         data = base64.b64encode(scaled(frame.jpeg, self._options.image_width_px)).decode()
         return {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{data}"}}
 
-    def _facts(self, request: Request, said: Sequence[_StageAnswer]) -> dict[str, Any]:
+    def _facts(self, request: Request, stage_answers: Sequence[_StageAnswer]) -> dict[str, Any]:
         options = self._options
         stages, notes, start = [], [], 0
-        for one in said:
+        for one in stage_answers:
             end = start + len(one.text)
             stages.append({"name": one.name, "start": start, "end": end, **_stage_facts(one)})
             notes += [f"{one.name}: {note}" for note in _notes(one.completion, options.model)]
@@ -375,7 +378,7 @@ class OpenAIBackend:
             "tries": options.tries,
             **({"images": NO_IMAGES} if options.blind else {}),
             **({"give_back": options.give_back} if options.give_back else {}),
-            "prompt_sha256": sha256_json([one.prompt.sha256 for one in said]),
+            "prompt_sha256": sha256_json([one.prompt.sha256 for one in stage_answers]),
             "previous_intent_sha256": sha256_bytes(previous.text.encode()) if previous else None,
             "stages": stages,
             "notes": notes,
@@ -408,60 +411,60 @@ def _read(reply: Reply) -> tuple[Completion, str]:
         PeerError: there is no text in it that could be used.
     """
     try:
-        said = read_completion(reply.body)
+        completion = read_completion(reply.body)
     except BrokenOff as error:
         raise BrokenOffError(f"the answer can't be used: {error}") from None
     except NoCompletion as error:
         remedy = "; base_url usually ends in /v1" if looks_like_html(reply.body) else ""
         raise PeerError(f"the answer is no chat completion: {error}{remedy}") from None
-    if said.refusal:
-        raise DeclinedError(f"the model declines to answer: {said.refusal[:_SHOWN]}")
+    if completion.refusal:
+        raise DeclinedError(f"the model declines to answer: {completion.refusal[:_SHOWN]}")
     # What the limit ended is the model's answer, even where it ended before any text.
-    if said.text is None and not said.cut_off:
-        why = f" (finish_reason {said.finish_reason})" if said.finish_reason else ""
+    if completion.text is None and not completion.cut_off:
+        why = f" (finish_reason {completion.finish_reason})" if completion.finish_reason else ""
         raise BrokenOffError(f"the answer holds no text{why}")
-    text = said.text or ""
+    text = completion.text or ""
     if "\0" in text:  # ROS would end the string there without a word
         raise PeerError("the answer's text holds a NUL character, which no message can carry")
-    return said, text
+    return completion, text
 
 
 def _stage_facts(one: _StageAnswer) -> dict[str, Any]:
-    said = one.completion
+    completion = one.completion
     facts: dict[str, Any] = {
         "prompt_sha256": one.prompt.sha256,
         "latency_s": round(one.latency_s, 4),
         "tries": one.tries,
-        "model_reported": said.model,
-        "system_fingerprint": said.system_fingerprint,
-        "finish_reason": said.finish_reason,
-        "usage": dict(said.usage) if said.usage else None,
+        "model_reported": completion.model,
+        "system_fingerprint": completion.system_fingerprint,
+        "finish_reason": completion.finish_reason,
+        "usage": dict(completion.usage) if completion.usage else None,
     }
     if one.given:
         facts["given_back"] = {
             name: text[:_CHARACTERS_OF_REASONING] for name, text in one.given.items()
         }
-    if said.reasoning:
-        facts["reasoning"] = said.reasoning[:_CHARACTERS_OF_REASONING]
+    if completion.reasoning:
+        facts["reasoning"] = completion.reasoning[:_CHARACTERS_OF_REASONING]
     return facts
 
 
-def _notes(said: Completion, model: str) -> list[str]:
-    found = []
-    if said.cut_off:
-        found.append("cut off at the limit of tokens")
-    elif ending(said.finish_reason) is Ending.UNKNOWN:
-        found.append(f"it ended for a reason that isn't known here: {said.finish_reason}")
-    if said.left_out:
-        found.append(f"parts that are no text were left out: {', '.join(said.left_out)}")
-    if not (said.text or "").strip():
-        remedy = "; give a larger max_tokens" if said.cut_off else ""
-        found.append(f"the text is empty{remedy}")
-    if said.parts:
-        found.append(f"the text came in {said.parts} parts")
-    if said.model is not None and said.model != model:
-        found.append("the server names another model than was asked for")
-    return found
+def _notes(completion: Completion, model: str) -> list[str]:
+    notes = []
+    if completion.cut_off:
+        notes.append("cut off at the limit of tokens")
+    elif ending(completion.finish_reason) is Ending.UNKNOWN:
+        notes.append(f"it ended for a reason that isn't known here: {completion.finish_reason}")
+    if completion.left_out:
+        notes.append(f"parts that are no text were left out: {', '.join(completion.left_out)}")
+    if not (completion.text or "").strip():
+        remedy = "; give a larger max_tokens" if completion.cut_off else ""
+        notes.append(f"the text is empty{remedy}")
+    if completion.parts:
+        notes.append(f"the text came in {completion.parts} parts")
+    if completion.model is not None and completion.model != model:
+        notes.append("the server names another model than was asked for")
+    return notes
 
 
 def scaled(jpeg: bytes, width_px: int | None) -> bytes:

@@ -107,31 +107,31 @@ def look(request: Request) -> Perception:
     images = [] if blind else [_resized(_decode(frame), size) for frame in frames[:-1]]
     images.append(small)
     camera = request.camera
-    given = camera is not None and camera.pitch_down_rad is not None
-    plane = ground_plane(camera, (width, height), scale, None if given else horizon_row(images))
+    has_pitch = camera is not None and camera.pitch_down_rad is not None
+    plane = ground_plane(camera, (width, height), scale, None if has_pitch else horizon_row(images))
     if blind:
         return Perception(True, plane, (), 1)
     ycc = [to_ycc(image) for image in images]
     masks = foreign_pixels(ycc, learn_surface(ycc, plane), strip_index(plane))
-    seen = [
+    detections = [
         (ns_to_seconds(frame.stamp_ns - request.stamp_ns), detect_objects(image, mask, plane))
         for frame, image, mask in zip(frames, ycc, masks, strict=True)
     ]
     history = request.history if request.ego_known else ()
-    return Perception(False, plane, tuple(track_objects(seen, history)), len(frames))
+    return Perception(False, plane, tuple(track_objects(detections, history)), len(frames))
 
 
 def choose_frames(frames: Sequence[Frame]) -> list[Frame]:
     """Return the newest frame and those nearest to LOOK_BACK_S before the request, oldest first."""
     newest_ns = frames[-1].stamp_ns
-    chosen = {
+    indices = {
         min(
             range(len(frames)),
             key=lambda i: abs(ns_to_seconds(newest_ns - frames[i].stamp_ns) - back_s),
         )
         for back_s in LOOK_BACK_S
     }
-    return [frames[i] for i in sorted(chosen)]
+    return [frames[i] for i in sorted(indices)]
 
 
 def choose_action(situation: Situation, speed_mps: float | None, blind: bool) -> str:

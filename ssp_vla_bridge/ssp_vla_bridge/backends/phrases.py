@@ -85,13 +85,13 @@ def scene_text(
         # Named together first, so that what follows is said of the critical one only.
         sentences.append(f"I watch {_listed([_noun(word) for word in objects or ()])}.")
         subject = f"The {_word(critical)}"
-    said = []
+    predicates = []
     if position is not None:
-        said.append(f"is {_PLACES[position]}")
+        predicates.append(f"is {_PLACES[position]}")
     if motion is not None:
-        said.append(_MOTIONS[motion])
-    if said:
-        sentences.append(f"{subject} {' and '.join(said)}.")
+        predicates.append(_MOTIONS[motion])
+    if predicates:
+        sentences.append(f"{subject} {' and '.join(predicates)}.")
     if conflict is not None:
         partner = f" with the {_word(critical)}" if critical else ""
         sentences.append(_CONFLICTS[conflict].format(partner=partner))

@@ -60,16 +60,16 @@ class PythonFunction:
 
     def answer(self, request: Request) -> Answer:
         """Return the function's answer; raise PeerError where it can't be sent."""
-        given = self._function(request)
-        if isinstance(given, Answer):
-            return given
-        if isinstance(given, str):
-            return Answer(given)
-        if isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str):
+        output = self._function(request)
+        if isinstance(output, Answer):
+            return output
+        if isinstance(output, str):
+            return Answer(output)
+        if isinstance(output, tuple) and len(output) == 2 and isinstance(output[0], str):
             step_s = self._step_s or request.task.trajectory_step_s
-            return Answer(given[0], (_points(given[1], step_s, self._first_time_s),))
+            return Answer(output[0], (_points(output[1], step_s, self._first_time_s),))
         raise PeerError(
-            f"the function gave {type(given).__name__}; it must give an Answer, a text, or a text "
+            f"the function gave {type(output).__name__}; it must give an Answer, a text, or a text "
             "and points (x forward, y left, in m)"
         )
 
@@ -170,7 +170,7 @@ def _look_in(folder: str) -> None:
 def _function(path: str) -> Callable[..., Any]:
     module_name, name = split(path)
     try:
-        found: Any = importlib.import_module(module_name)
+        target: Any = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
             raise _broken(module_name, path, error) from error
@@ -183,19 +183,19 @@ def _function(path: str) -> Callable[..., Any]:
     except (Exception, SystemExit) as error:  # a module runs whatever its author wrote
         raise _broken(module_name, path, error) from error
     for part in name.split("."):
-        if not hasattr(found, part):
+        if not hasattr(target, part):
             raise InputError(
-                f"can't be found: {getattr(found, '__file__', module_name)} has no {part}",
+                f"can't be found: {getattr(target, '__file__', module_name)} has no {part}",
                 field=_FIELD,
                 value=path,
                 remedy=_FORMS,
             )
-        found = getattr(found, part)
-    if not callable(found):
+        target = getattr(target, part)
+    if not callable(target):
         raise InputError(
-            f"is a {type(found).__name__}, no function", field=_FIELD, value=path, remedy=_FORMS
+            f"is a {type(target).__name__}, no function", field=_FIELD, value=path, remedy=_FORMS
         )
-    checked: Callable[..., Any] = found
+    checked: Callable[..., Any] = target
     return checked
 
 
@@ -226,8 +226,8 @@ def _with_options(
         p.kind is inspect.Parameter.VAR_KEYWORD for p in parameters.values()
     )
     if takes:
-        given = dict(options or {})
-        return lambda request: function(request, options=given)
+        function_options = dict(options or {})
+        return lambda request: function(request, options=function_options)
     if options:
         raise InputError(
             f"are given, but {path} takes no keyword named options",

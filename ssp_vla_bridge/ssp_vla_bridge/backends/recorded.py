@@ -159,21 +159,21 @@ class RecordedAnswers:
         return Answer(stored.text, stored.arrays, stored.decoding)
 
 
-def _the_one(fitting: Sequence[AnswerOnDisk], asked: str) -> Response:
+def _the_one(fitting: Sequence[AnswerOnDisk], request_text: str) -> Response:
     """Return the answer that all places agree on; raise PeerError where they differ."""
     last = {(one.place, one.response.model): one for one in fitting}
     first, *others = last.values()
     for other in others:
-        if _said(other.response) != _said(first.response):
+        if _content(other.response) != _content(first.response):
             raise PeerError(
-                f"different answers are stored for {asked}: of {first.response.model} in "
+                f"different answers are stored for {request_text}: of {first.response.model} in "
                 f"{first.place}, of {other.response.model} in {other.place}; name the model with "
                 "the option model, or one cell with file"
             )
     return first.response
 
 
-def _said(response: Response) -> str:
+def _content(response: Response) -> str:
     # repr: nan is not equal to itself, and its text is.
     return repr((response.text, response.arrays, response.error_code, dict(response.decoding)))
 
@@ -197,24 +197,25 @@ def make(options: Mapping[str, Any]) -> RecordedAnswers:
         )
     stored = read_stored(Path(options["file"]))
     if "model" in options:
-        wanted = options["model"]
+        model = options["model"]
         names = sorted({one.response.model for one in stored})
-        stored = tuple(one for one in stored if one.response.model == wanted)
+        stored = tuple(one for one in stored if one.response.model == model)
         if not stored:
             raise InputError(
                 f"has no answers in {options['file']}",
                 field="backend_options.model",
-                value=wanted,
+                value=model,
                 remedy=f"there are those of {', '.join(names)}",
             )
     spoken = find_interface(str(options.get("interface", "waypoints"))).name
     stated = [one.response.decoding.get("interface") for one in stored]
-    known = sorted(name for name in INTERFACES if name != spoken and name in stated)
-    if known:
+    interfaces = sorted(name for name in INTERFACES if name != spoken and name in stated)
+    if interfaces:
         raise InputError(
-            f"answers in {options['file']} were given by the interface {', '.join(known)}",
+            f"answers in {options['file']} were given by the interface {', '.join(interfaces)}",
             field="backend_options.interface",
             value=spoken,
-            remedy=f'give "interface": "{known[0]}", and "model" where the file has several models',
+            remedy=f'give "interface": "{interfaces[0]}", and "model" where the file has several '
+            "models",
         )
     return RecordedAnswers(stored, spoken)

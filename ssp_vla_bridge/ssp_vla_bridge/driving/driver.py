@@ -67,8 +67,8 @@ class DriverModel:
     def limit_s(self) -> float:
         """Time after which no answer is waited for."""
         own = self.options.get("timeout_s") if self.backend in OPTION_TIMEOUT else None
-        given = [t for t in (self.timeout_s, own) if t is not None]
-        return min(given) if given else TIMEOUT_S
+        limits_s = [t for t in (self.timeout_s, own) if t is not None]
+        return min(limits_s) if limits_s else TIMEOUT_S
 
     @property
     def task(self) -> DrivingTask:
@@ -147,10 +147,10 @@ class BridgeDriver:
         if self._process is None:
             return core.GivenAnswer(None, ended=f"it can't be loaded: {self.problem}")
         limit_s = self._model.limit_s
-        got = self._process.ask(replace(request, previous=self._previous), limit_s)
-        if isinstance(got, core.GivenAnswer):
-            return got
-        measured, latency = got
+        outcome = self._process.ask(replace(request, previous=self._previous), limit_s)
+        if isinstance(outcome, core.GivenAnswer):
+            return outcome
+        measured, latency = outcome
         response = measured.response
         if response.error_code == ErrorCode.TIMEOUT or ns_to_seconds(latency.total_ns) > limit_s:
             return no_answer_within(limit_s)
@@ -210,9 +210,11 @@ def prompt_facts(model: DriverModel) -> dict[str, str | None]:
     backend = model.backend
     request = _card_request(model)
     if backend == _CHAT:
-        found = words_sha256(backend, {**model.options, "interface": model.interface.name}, request)
+        prompt_sha256 = words_sha256(
+            backend, {**model.options, "interface": model.interface.name}, request
+        )
         return {
-            "prompt_sha256": found,
+            "prompt_sha256": prompt_sha256,
             "prompt": "system and user texts of each step; its own earlier answers left open",
         }
     if backend in SERVICES:
@@ -273,20 +275,20 @@ def geometry_of_run(camera: Camera) -> CameraGeometry:
 
 def history_by(samples: Sequence[core.EgoSample], rules: Preprocessing) -> tuple[EgoSample, ...]:
     """Return the newest sample at or before each time of the history, oldest first."""
-    chosen: list[core.EgoSample] = [samples[-1]]
+    history: list[core.EgoSample] = [samples[-1]]
     for k in range(1, _samples(rules) + 1):
         wanted_s = -k * rules.history_spacing_s + _SLACK_S
         before = [sample for sample in samples if sample.t_s <= wanted_s]
         if not before:
             break
-        if before[-1].t_s < chosen[-1].t_s:
-            chosen.append(before[-1])
-    return tuple(EgoSample(*astuple(sample)) for sample in reversed(chosen))
+        if before[-1].t_s < history[-1].t_s:
+            history.append(before[-1])
+    return tuple(EgoSample(*astuple(sample)) for sample in reversed(history))
 
 
-def answer_of(got: MeasuredAnswer) -> core.Answer:
+def answer_of(model_answer: MeasuredAnswer) -> core.Answer:
     """Return what a model's answer says, and how it came."""
-    response = got.response
+    response = model_answer.response
     arrays = tuple(core.RawArray(**asdict(array)) for array in response.arrays)
     raw = core.Raw(
         model_id=response.model_id,
@@ -295,7 +297,7 @@ def answer_of(got: MeasuredAnswer) -> core.Answer:
         error_code=int(response.error_code),
         error_msg=response.error_msg,
     )
-    refused = got.invalid
+    refused = model_answer.invalid
     if response.error_code:
         refused = f"error instead of an answer: {response.error_msg}"
-    return core.Answer(got.trajectory, response.text, refused, raw)
+    return core.Answer(model_answer.trajectory, response.text, refused, raw)

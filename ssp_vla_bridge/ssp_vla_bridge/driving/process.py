@@ -100,8 +100,8 @@ def measured_answer(backend: Backend, model: str, adapter: str, request: Request
             read = adapt(adapter, response, request)
     invalid = ""
     if read.trajectory is None:
-        said = bool(response.text.strip() or response.arrays)
-        invalid = "; ".join([*read.invalid, *read.info.notes]) if said else "not_ready"
+        has_content = bool(response.text.strip() or response.arrays)
+        invalid = "; ".join([*read.invalid, *read.info.notes]) if has_content else "not_ready"
     return MeasuredAnswer(
         response=response,
         trajectory=read.trajectory,
@@ -344,9 +344,9 @@ class ModelProcess:
         if self._has_sent():
             return GivenAnswer(None, ended="its process sent an answer that wasn't asked for")
         begin_s = time.perf_counter()
-        got: list[tuple[MeasuredAnswer | None, float]] = []
+        replies: list[tuple[MeasuredAnswer | None, float]] = []
         # Sending, too, waits for a process that doesn't read.
-        exchange = threading.Thread(target=self._exchange, args=(request, got), daemon=True)
+        exchange = threading.Thread(target=self._exchange, args=(request, replies), daemon=True)
         exchange.start()
         self._await_end(exchange, timeout_s + _GRACE_S)
         if exchange.is_alive():
@@ -355,10 +355,10 @@ class ModelProcess:
             exchange.join()  # its connection is shut down
             if code is None:
                 return no_answer_within(timeout_s)
-        if not got:
+        if not replies:
             latency = LatencyParts(seconds_to_ns(time.perf_counter() - begin_s))
             return GivenAnswer(None, latency, self._ending())
-        measured, end_s = got[0]
+        measured, end_s = replies[0]
         if measured is None:
             latency = LatencyParts(seconds_to_ns(end_s - begin_s))
             return GivenAnswer(None, latency, _NO_ANSWER)
@@ -386,7 +386,9 @@ class ModelProcess:
             return _is_too_long(error)
         return False
 
-    def _exchange(self, request: Request, got: list[tuple[MeasuredAnswer | None, float]]) -> None:
+    def _exchange(
+        self, request: Request, replies: list[tuple[MeasuredAnswer | None, float]]
+    ) -> None:
         measured = None
         try:
             self._connection.send(request)
@@ -397,7 +399,7 @@ class ModelProcess:
         except OSError as error:
             if not _is_too_long(error):
                 return
-        got.append((measured, time.perf_counter()))
+        replies.append((measured, time.perf_counter()))
 
     def _ending(self) -> str:
         self._process.join(_END_S)

@@ -72,14 +72,16 @@ def check_policy(options: EgodriverOptions) -> list[Finding]:
             "speaks revision 1 or 2"
         )
         return [Finding("version", False, problem, mend)]
-    seen = f"{version or 'no name'}, revision {revision}: rig_to_camera is {_REVISIONS[revision]}"
-    asked = _asked(options, [_question(k, seed=1) for k in range(CALLS)])
+    observation = (
+        f"{version or 'no name'}, revision {revision}: rig_to_camera is {_REVISIONS[revision]}"
+    )
+    answers = _answers_of(options, [_question(k, seed=1) for k in range(CALLS)])
     return [
-        Finding("version", True, seen),
+        Finding("version", True, observation),
         _frames(options),
-        _answers(asked),
-        _latency(asked),
-        _terminate(asked),
+        _answers(answers),
+        _latency(answers),
+        _terminate(answers),
         _sessions(options),
         _no_route(options),
     ]
@@ -120,7 +122,7 @@ def _picture(way_m: float) -> bytes:
     return bytes(cv2.imencode(".jpg", cv2.cvtColor(red_first, cv2.COLOR_RGB2BGR))[1])
 
 
-def _asked(options: EgodriverOptions, questions: Sequence[Question]) -> list[GivenAnswer]:
+def _answers_of(options: EgodriverOptions, questions: Sequence[Question]) -> list[GivenAnswer]:
     """Return the answers of one session, up to the one with which it ends."""
     driver = EgodriverDriver("check", options)
     answers: list[GivenAnswer] = []
@@ -134,8 +136,8 @@ def _asked(options: EgodriverOptions, questions: Sequence[Question]) -> list[Giv
     return answers
 
 
-def _plan(given: GivenAnswer) -> Trajectory | None:
-    return None if given.answer is None else given.answer.trajectory
+def _plan(reply: GivenAnswer) -> Trajectory | None:
+    return None if reply.answer is None else reply.answer.trajectory
 
 
 def _ended(answers: Sequence[GivenAnswer]) -> str:
@@ -166,7 +168,7 @@ def _apart_m(a: Trajectory | None, b: Trajectory | None) -> float:
 def _frames(options: EgodriverOptions) -> Finding:
     """Ask about the same scene in two local frames, with a camera that is pitched and yawed."""
     sets = [
-        _asked(options, [_question(k, seed=2, yaw_rad=yaw_rad) for k in range(_FEW)])
+        _answers_of(options, [_question(k, seed=2, yaw_rad=yaw_rad) for k in range(_FEW)])
         for yaw_rad in _TURNED_RAD
     ]
     if ended := _ended(sets[0]) or _ended(sets[1]):
@@ -176,16 +178,16 @@ def _frames(options: EgodriverOptions) -> Finding:
         return Finding("frames", False, ended, _mend(ended, mend))
     apart_m = max(_apart_m(_plan(a), _plan(b)) for a, b in zip(*sets, strict=True))
     passed = apart_m <= _SAME_M
-    seen = (
+    observation = (
         "takes a camera that is pitched and yawed; the same scene in a local frame that is turned "
         f"by {_TURNED_RAD[1]:g} rad gets plans that are {apart_m:.2g} m apart"
     )
     mend = "answer in the local frame: the pose at time_now_us times the plan in the rig frame"
-    return Finding("frames", passed, seen, "" if passed else mend)
+    return Finding("frames", passed, observation, "" if passed else mend)
 
 
-def _answers(asked: Sequence[GivenAnswer]) -> Finding:
-    plans = [_plan(one) for one in asked]
+def _answers(answers: Sequence[GivenAnswer]) -> Finding:
+    plans = [_plan(one) for one in answers]
     wrong = {
         word: sum(word in check_trajectory(plan) for plan in plans if plan is not None)
         for word in ("shape", "non_finite", "timestamps", "coverage")
@@ -194,43 +196,45 @@ def _answers(asked: Sequence[GivenAnswer]) -> Finding:
     ends = [plan.t_s[-1] for plan in plans if plan is not None and plan.t_s]
     empty = sum(plan is None for plan in plans)
     shortest_s = min(ends, default=0.0)
-    seen = f"{empty} of {len(asked)} answers without a plan"
+    observation = f"{empty} of {len(answers)} answers without a plan"
     if ends:
-        seen += f", plans end {shortest_s:.3g} s ahead"
+        observation += f", plans end {shortest_s:.3g} s ahead"
     if faults:
-        seen += f"; invalid: {', '.join(faults)}"
+        observation += f"; invalid: {', '.join(faults)}"
     late = any(plan is None for plan in plans[len(plans) // 2 :])
-    passed = not late and not faults and shortest_s >= _LEAST_END_S and len(asked) == CALLS
+    passed = not late and not faults and shortest_s >= _LEAST_END_S and len(answers) == CALLS
     mend = (
         "answer each call once frame, motion and route are there, by finite poses at rising "
         f"absolute µs up to {_LEAST_END_S:g} s ahead at least"
     )
-    return Finding("answers", passed, seen, "" if passed else _mend(_ended(asked), mend))
+    return Finding("answers", passed, observation, "" if passed else _mend(_ended(answers), mend))
 
 
-def _latency(asked: Sequence[GivenAnswer]) -> Finding:
-    if ended := _ended(asked):
-        seen = f"only {len(asked) - 1} of {CALLS} calls were answered"
+def _latency(answers: Sequence[GivenAnswer]) -> Finding:
+    if ended := _ended(answers):
+        observation = f"only {len(answers) - 1} of {CALLS} calls were answered"
         mend = f"let a session go on for {CALLS} calls, see terminate"
-        return Finding("latency", False, seen, _mend(ended, mend))
-    took_s = sorted(ns_to_seconds(one.latency.total_ns) for one in asked)
+        return Finding("latency", False, observation, _mend(ended, mend))
+    took_s = sorted(ns_to_seconds(one.latency.total_ns) for one in answers)
     cuts = quantiles(took_s, n=100, method="inclusive")
     p50_s, p99_s = cuts[49], cuts[98]
     passed = p99_s <= _BOUND_S
     mend = f"give --latency measured:S with an S above {p99_s:.2g}, or make it faster"
-    seen = f"p50 {p50_s:.3g} s, p99 {p99_s:.3g} s of {len(took_s)} calls, with frame and motion"
-    return Finding("latency", passed, seen, "" if passed else mend)
+    observation = (
+        f"p50 {p50_s:.3g} s, p99 {p99_s:.3g} s of {len(took_s)} calls, with frame and motion"
+    )
+    return Finding("latency", passed, observation, "" if passed else mend)
 
 
-def _terminate(asked: Sequence[GivenAnswer]) -> Finding:
-    ended = _ended(asked)
-    seen = ended or f"goes on for {len(asked)} calls, on a free road"
+def _terminate(answers: Sequence[GivenAnswer]) -> Finding:
+    ended = _ended(answers)
+    observation = ended or f"goes on for {len(answers)} calls, on a free road"
     if not ended:
-        return Finding("terminate", True, seen)
+        return Finding("terminate", True, observation)
     mend = _SAYS
     if ended == ENDED:
         mend = "leave terminate_session unset: it ends the run as died"
-    return Finding("terminate", False, seen, _mend(ended, mend))
+    return Finding("terminate", False, observation, _mend(ended, mend))
 
 
 def _sessions(options: EgodriverOptions) -> Finding:
@@ -239,7 +243,7 @@ def _sessions(options: EgodriverOptions) -> Finding:
         [_question(n, 10 + k, yaw_rad=0.5 * k, speed_mps=4.0 + k) for n in range(_FEW)]
         for k in range(SIDE_BY_SIDE)
     ]
-    alone = [_asked(options, one) for one in questions]
+    alone = [_answers_of(options, one) for one in questions]
     together = _side_by_side(options, questions)
     if ended := next(filter(None, map(_ended, [*alone, *together])), ""):
         mend = f"take {SIDE_BY_SIDE} sessions at once, each with a state of its own"
@@ -250,9 +254,9 @@ def _sessions(options: EgodriverOptions) -> Finding:
         for a, b in zip(one, other, strict=True)
     )
     passed = apart_m <= _SAME_M
-    seen = f"{SIDE_BY_SIDE} at once get plans that are {apart_m:.2g} m from those alone"
+    observation = f"{SIDE_BY_SIDE} at once get plans that are {apart_m:.2g} m from those alone"
     mend = "keep a state of its own for each session_uuid, and draw by its random_seed"
-    return Finding("sessions", passed, seen, "" if passed else mend)
+    return Finding("sessions", passed, observation, "" if passed else mend)
 
 
 def _side_by_side(
@@ -279,13 +283,13 @@ def _side_by_side(
 def _no_route(options: EgodriverOptions) -> Finding:
     """Ask with a route of which no point is there."""
     questions = [replace(_question(k, seed=3), route_m=()) for k in range(_FEW)]
-    answers = _asked(options, questions)
+    answers = _answers_of(options, questions)
     plans = [_plan(one) for one in answers]
     invalid = any(plan is not None and check_trajectory(plan) for plan in plans)
     ended = _ended(answers)
     mend = "drop the points of a route that are NaN, and answer without one"
     if ended or invalid:
-        seen = ended or "a route of NaN alone makes plans invalid"
-        return Finding("route", False, seen, _mend(ended, mend))
+        observation = ended or "a route of NaN alone makes plans invalid"
+        return Finding("route", False, observation, _mend(ended, mend))
     empty = sum(plan is None for plan in plans)
     return Finding("route", True, f"a route of NaN alone: {empty} of {len(plans)} answers empty")

@@ -157,8 +157,10 @@ class EgodriverDriver:
         try:
             self.revision = read_revision(metadata, self._undeclared())
         except ContractError as error:
-            known = ", ".join(map(str, SUPPORTED_REVISIONS))
-            raise PeerError(f"the server's {error}: revisions {known} are spoken here") from error
+            revisions = ", ".join(map(str, SUPPORTED_REVISIONS))
+            raise PeerError(
+                f"the server's {error}: revisions {revisions} are spoken here"
+            ) from error
         self._is_exact = any(key == exact.EXACT for key, _ in metadata)
 
     def _undeclared(self) -> int:
@@ -285,15 +287,15 @@ class EgodriverDriver:
         here = wire.local_pose(self._origin, question.pose)
         now_us = wire.micros(question.stamp_ns)
         plan, refused = wire.trajectory_of(response.trajectory, here, now_us), "not_ready"
-        said = wire.debug_text(response.debug_info.unstructured_debug_info)
-        text, left_out = said.text, said.left_out
-        if self._is_exact and said.value is not None and said.value.get("schema") == exact.SCHEMA:
+        debug = wire.debug_text(response.debug_info.unstructured_debug_info)
+        text, left_out = debug.text, debug.left_out
+        if self._is_exact and debug.value is not None and debug.value.get("schema") == exact.SCHEMA:
             try:
-                plan, why = exact.plan_in(said.value, plan)
+                plan, why = exact.plan_in(debug.value, plan)
             except ValueError as error:
                 return Answer(None, "", str(error), self._raw())
             refused = console.visible(why) or refused
-            theirs = console.visible(str(said.value.get("left_out") or ""))[:_WORDS]
+            theirs = console.visible(str(debug.value.get("left_out") or ""))[:_WORDS]
             left_out = theirs or left_out
         raw = self._raw(samples, left_out)
         return Answer(plan, text, "" if plan is not None else refused, raw)
@@ -335,10 +337,12 @@ class EgodriverDriver:
             raise CallFailedError(call, late, "", budget.exceeded(call))
         try:
             if is_wanted is None:
-                answer, done = method.with_call(message, timeout=left_s, metadata=list(metadata))
+                answer, grpc_call = method.with_call(
+                    message, timeout=left_s, metadata=list(metadata)
+                )
             else:
-                done = method.future(message, timeout=left_s, metadata=list(metadata))
-                answer = _awaited(call, done, is_wanted)
+                grpc_call = method.future(message, timeout=left_s, metadata=list(metadata))
+                answer = _awaited(call, grpc_call, is_wanted)
         except grpc.RpcError as error:
             exceeded = budget.exceeded(call)
             raise CallFailedError(call, error.code(), error.details(), exceeded) from error
@@ -346,7 +350,7 @@ class EgodriverDriver:
             # So says gRPC of a channel that was closed meanwhile, by an abort.
             raise CallFailedError(call, grpc.StatusCode.CANCELLED, CLOSED, "") from error
         budget.took(call, time.perf_counter() - begin_s)
-        return answer, done.initial_metadata() or ()
+        return answer, grpc_call.initial_metadata() or ()
 
     def close(self) -> None:
         """End the session and the connection; a server without an answer isn't waited for."""

@@ -50,8 +50,8 @@ def unpack_motion(data: bytes, near: Sequence[EgoSample]) -> tuple[EgoSample, ..
     if not data or len(data) % _SAMPLE.size:
         raise ValueError("its motion to the last bit has a wrong size")
     samples = tuple(EgoSample(*values) for values in _SAMPLE.iter_unpack(data))
-    known = near[-len(samples) :]
-    pairs = zip(reversed(samples), reversed(known), strict=False)
+    near_samples = near[-len(samples) :]
+    pairs = zip(reversed(samples), reversed(near_samples), strict=False)
     if not all(_are_near(astuple(a), astuple(b)) for a, b in pairs):
         raise ValueError("its motion to the last bit isn't that of its messages")
     return samples
@@ -118,10 +118,10 @@ def plan_in(value: dict[str, object], near: Trajectory | None) -> tuple[Trajecto
     if not all(abs(value) <= _MOST for value in (*t_s, *x_m, *y_m)):  # NaN neither
         raise ValueError(f"its plan to the last bit has a value beyond {_MOST:g}")
     plan = Trajectory(t_s, x_m, y_m)
-    given = {t: (x, y) for t, x, y in zip(near.t_s, near.x_m, near.y_m, strict=True)}
+    near_places = {t: (x, y) for t, x, y in zip(near.t_s, near.x_m, near.y_m, strict=True)}
     for t, x, y in zip(t_s, x_m, y_m, strict=True):
         # The contract's times are whole microseconds, and it begins at the question.
-        there = given.get(round(t * 1e6) / 1e6)
+        there = near_places.get(round(t * 1e6) / 1e6)
         if t > 0.0 and (there is None or not _are_near((x, y), there)):
             raise ValueError("its plan to the last bit isn't that of its messages")
     return plan, ""

@@ -44,18 +44,18 @@ class EgodriverOptions(Strict):
     )
 
 
-def read_options(given: dict[str, Any], name: str) -> EgodriverOptions:
+def read_options(raw_options: dict[str, Any], name: str) -> EgodriverOptions:
     """Return the options of a policy, checked before anything is connected.
 
     Args:
-        given: as a person gave them.
+        raw_options: as a person gave them.
         name: of the driver, for messages.
 
     Raises:
         InputError: an option is unknown or wrong, or the connection would be open to others.
     """
     try:
-        options = parse_model(EgodriverOptions, given, "")
+        options = parse_model(EgodriverOptions, raw_options, "")
     except InputError as error:
         raise error.each(partial(_of_driver, name)) from error
     target_of(options.url)
@@ -88,11 +88,11 @@ def target_of(url: str) -> tuple[str, int]:
         parts, host, port, rest = urlsplit(""), "", 0, None
     if parts.scheme != "grpc" or not host or not port or rest:
         # What stands before an @ may be a password, which isn't repeated.
-        shown = None if "@" in url else url
+        printable_url = None if "@" in url else url
         raise InputError(
             "is no address of a driver",
             field="url",
-            value=shown,
+            value=printable_url,
             remedy="give such as grpc://127.0.0.1:50051",
         )
     return host, port

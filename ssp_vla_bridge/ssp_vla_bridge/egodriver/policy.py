@@ -176,13 +176,13 @@ class BridgePolicy(BaseDriver):
             raise ValueError("the session was closed while its model was loaded")
 
     def _chosen(self, names: list[str]) -> str:
-        wanted = self._camera or (FORWARD_CAMERA if len(names) != 1 else names[0])
-        if wanted not in names:
+        camera = self._camera or (FORWARD_CAMERA if len(names) != 1 else names[0])
+        if camera not in names:
             raise ValueError(
-                f"no camera {wanted!r} is declared, but {', '.join(names) or 'none'}; "
+                f"no camera {camera!r} is declared, but {', '.join(names) or 'none'}; "
                 "ssp driver serve --camera names the one to see by"
             )
-        return wanted
+        return camera
 
     def on_session_close(self, session: SessionState) -> None:
         """End a session's model, also one that answers; one that loads ends by itself."""
@@ -218,9 +218,9 @@ class BridgePolicy(BaseDriver):
             if seat is None or frame.logical_id != seat.camera:
                 session.frame_history.pop(frame.logical_id, None)
                 return
-            kept = session.frame_history[seat.camera]
-            while len(kept) > 1 and sum(map(_bytes_of, kept)) > _MOST_FRAME_BYTES:
-                del kept[0]
+            frames = session.frame_history[seat.camera]
+            while len(frames) > 1 and sum(map(_bytes_of, frames)) > _MOST_FRAME_BYTES:
+                del frames[0]
 
     def on_egomotion(self, session: SessionState, new_poses: RigTrajectory) -> None:  # noqa: ARG002 # of the package
         """Keep the newest poses."""
@@ -271,11 +271,11 @@ class BridgePolicy(BaseDriver):
             request = self._request(seat, ctx)
             if request is None:
                 return DriveResult(RigTrajectory.empty())
-            given = driver.ask(request)
+            reply = driver.ask(request)
             seat.used_s = time.monotonic()
-        answer = given.answer
+        answer = reply.answer
         if answer is None:
-            raise RuntimeError(given.ended)
+            raise RuntimeError(reply.ended)
         self._here.answer = answer
         plan = answer.trajectory
         if plan is None or answer.refused or not _is_sendable(plan.t_s, plan.x_m, plan.y_m):
@@ -286,7 +286,7 @@ class BridgePolicy(BaseDriver):
         """Return the request of one call; None while no frame or motion was sent."""
         session, now_us, rules = ctx.session, ctx.time_now_us, self._model.rules
         with session.lock:
-            kept = [
+            frames = [
                 one
                 for one in session.frame_history.get(seat.camera, ())
                 if isinstance(one, CameraFrame) and one.timestamp_us <= now_us
@@ -294,10 +294,10 @@ class BridgePolicy(BaseDriver):
             times = list(session.ego_trajectory.timestamps_us)
             poses = list(session.ego_trajectory.poses)
             states = list(session.dynamic_states)
-        if not kept or not times:
+        if not frames or not times:
             return None
-        stamps_ns = [one.timestamp_us * 1000 for one in kept]
-        chosen = choose(stamps_ns, len(kept) - 1, rules)
+        stamps_ns = [one.timestamp_us * 1000 for one in frames]
+        indices = choose(stamps_ns, len(frames) - 1, rules)
         samples: tuple[Any, ...] = ()
         if now_us - times[-1] <= _POSE_AGE_US:
             first = max(0, len(times) - _KEPT_POSES)
@@ -308,7 +308,7 @@ class BridgePolicy(BaseDriver):
         return Request(
             request_id=str(session.drive_count + 1),
             stamp_ns=now_us * 1000,
-            frames=tuple(Frame(stamps_ns[i], _jpeg(kept[i].image_bytes)) for i in chosen),
+            frames=tuple(Frame(stamps_ns[i], _jpeg(frames[i].image_bytes)) for i in indices),
             camera=seat.geometry,
             history=history,
             ego_provenance="measured" if history else "unknown",

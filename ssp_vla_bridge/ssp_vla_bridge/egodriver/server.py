@@ -124,18 +124,18 @@ def _exact_answer(answer: Answer, *, is_sent: bool) -> bytes:
     """Return what a client of ours gets beside the plan; of what is too long nothing."""
     plan = answer.trajectory if is_sent else None
     refused = "" if is_sent else answer.refused or "its plan can't be sent"
-    said = exact.answer_json(answer.text, refused, plan)
-    if len(said) <= wire.MOST_TEXT_BYTES:
-        return said
+    payload = exact.answer_json(answer.text, refused, plan)
+    if len(payload) <= wire.MOST_TEXT_BYTES:
+        return payload
     left_out = f"{len(answer.text.encode())} bytes, with its plan more than {wire.MOST_TEXT_BYTES}"
-    said = exact.answer_json("", refused, plan, left_out)
-    return said if len(said) <= wire.MOST_TEXT_BYTES else b""
+    payload = exact.answer_json("", refused, plan, left_out)
+    return payload if len(payload) <= wire.MOST_TEXT_BYTES else b""
 
 
 def _metadata(context: grpc.ServicerContext, key: str) -> bytes | None:
     """Return a value that a client sent beside its message; None: it sent none."""
-    found = [value for known, value in context.invocation_metadata() if known == key]
-    return found[0] if found and isinstance(found[0], bytes) else None
+    values = [value for name, value in context.invocation_metadata() if name == key]
+    return values[0] if values and isinstance(values[0], bytes) else None
 
 
 @dataclass(frozen=True)

@@ -178,14 +178,14 @@ def samples_of(
     """
     places = [Pose2(float(p.position[0]), float(p.position[1]), p.yaw) for p in poses]
     here = places[-1]
-    found = []
+    samples = []
     for at_us, place, state in zip(times_us, places, states, strict=True):
         x, y = here.to_local(place.x_m, place.y_m)
         turned = wrap_angle(place.yaw_rad - here.yaw_rad)
         speed = math.hypot(state.linear_velocity.x, state.linear_velocity.y)
         rate = float(state.angular_velocity.z)
-        found.append(EgoSample((at_us - now_us) / 1e6, x, y, turned, speed, rate))
-    return tuple(found)
+        samples.append(EgoSample((at_us - now_us) / 1e6, x, y, turned, speed, rate))
+    return tuple(samples)
 
 
 def route_points(route_m: Sequence[tuple[float, float]]) -> list[tuple[float, float, float]]:
@@ -252,15 +252,15 @@ def trajectory_of(message: proto.Trajectory, here: Pose2, now_us: int) -> Trajec
 
 def plan_in_rig(plan: Trajectory, now_us: int) -> rigid.Trajectory:
     """Return a plan of the ego frame as poses of the rig, each looking along its motion."""
-    found = rigid.Trajectory.empty()
+    trajectory = rigid.Trajectory.empty()
     yaw = 0.0
     before = (0.0, 0.0)
     for t_s, x, y in zip(plan.t_s, plan.x_m, plan.y_m, strict=True):
         if math.dist(before, (x, y)) > _STILL_M:
             yaw = math.atan2(y - before[1], x - before[0])
         before = (x, y)
-        found.append(now_us + round(t_s * 1e6), rigid.Pose.from_xyz_yaw(x, y, 0.0, yaw))
-    return found
+        trajectory.append(now_us + round(t_s * 1e6), rigid.Pose.from_xyz_yaw(x, y, 0.0, yaw))
+    return trajectory
 
 
 def sampled_arrays(samples: Sequence[proto.Trajectory]) -> tuple[RawArray, ...]:
@@ -304,14 +304,14 @@ def debug_text(data: bytes) -> DebugText:
         value = json.loads(text)
     except (ValueError, RecursionError):
         value = text
-    said = value
+    content = value
     if isinstance(value, dict):
-        said = next((value[key] for key in _TEXT_KEYS if isinstance(value.get(key), str)), text)
-    told = said if isinstance(said, str) else text
-    kept = value if isinstance(value, dict) else None
-    if not _is_plain(told):
-        return DebugText(left_out="not text: it has control characters", value=kept)
-    return DebugText(told, value=kept)
+        content = next((value[key] for key in _TEXT_KEYS if isinstance(value.get(key), str)), text)
+    plain_text = content if isinstance(content, str) else text
+    json_object = value if isinstance(value, dict) else None
+    if not _is_plain(plain_text):
+        return DebugText(left_out="not text: it has control characters", value=json_object)
+    return DebugText(plain_text, value=json_object)
 
 
 def _is_plain(text: str) -> bool:

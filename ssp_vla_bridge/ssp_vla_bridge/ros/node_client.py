@@ -89,8 +89,8 @@ class NodeClient:
         return Answer(response.text, response.arrays, response.decoding)
 
     def _is_there(self) -> bool:
-        heard = self._requests.get_subscription_count() > 0
-        return heard and self._node.count_publishers(self._responses) > 0
+        has_listener = self._requests.get_subscription_count() > 0
+        return has_listener and self._node.count_publishers(self._responses) > 0
 
     def _on_response(self, message: Any) -> None:
         if self._got is None and message.request_id == self._wanted:

@@ -72,14 +72,14 @@ BRIDGE = (
 NODES = {"vla_bridge": BRIDGE}
 
 
-def bridge_params(given: Mapping[str, Any]) -> BridgeParams:
+def bridge_params(parameters: Mapping[str, Any]) -> BridgeParams:
     """Convert the values of BRIDGE to the bridge's configuration.
 
     Raises:
         InputError: the backend's options are no JSON object, or there is no such interface.
     """
-    if given["interface"]:
-        find_interface(given["interface"])
-    options = parse_options(given["backend_options"])
-    backend = given["backend"] or given["model"]
-    return BridgeParams(**{**given, "backend": backend, "backend_options": options})
+    if parameters["interface"]:
+        find_interface(parameters["interface"])
+    options = parse_options(parameters["backend_options"])
+    backend = parameters["backend"] or parameters["model"]
+    return BridgeParams(**{**parameters, "backend": backend, "backend_options": options})

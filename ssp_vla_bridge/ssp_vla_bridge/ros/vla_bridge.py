@@ -239,8 +239,8 @@ class VlaBridge(Node):
         self._release()
 
     def _release(self) -> None:
-        heard = self._publisher.get_subscription_count() > 0
-        messages, given_up = self._held.release(heard, time.monotonic_ns())
+        has_listener = self._publisher.get_subscription_count() > 0
+        messages, given_up = self._held.release(has_listener, time.monotonic_ns())
         if given_up:
             self.get_logger().warning(f"{given_up} answer(s) lost: no listener came in time")
         for msg in messages:

@@ -45,8 +45,8 @@ def loss_of(response: Response) -> tuple[Loss | None, str]:
     code = response.error_code
     if not code:
         return None, ""
-    known = code in set(ErrorCode)
-    loss = _OF_CODE.get(ErrorCode(code), Loss.ERROR) if known else Loss.ERROR
+    is_error_code = code in set(ErrorCode)
+    loss = _OF_CODE.get(ErrorCode(code), Loss.ERROR) if is_error_code else Loss.ERROR
     return loss, f"the bridge answered error {code}: {response.error_msg[:MOST_REASON]}"
 
 

@@ -81,8 +81,8 @@ CONDITION_SEED = 1
 def condition_of(model: str) -> tuple[str, str]:
     """Name of the model and condition under which it was asked; empty where there is none."""
     name, _, last = model.rpartition("+")
-    known = last in (*CONDITIONS, BLIND, REPEAT) or last.startswith(_FAMILIES)
-    return (name, last) if name and known else (model, "")
+    is_condition = last in (*CONDITIONS, BLIND, REPEAT) or last.startswith(_FAMILIES)
+    return (name, last) if name and is_condition else (model, "")
 
 
 def is_control_name(model: str) -> bool:
@@ -312,9 +312,9 @@ def attached_spec(text: str) -> ModelSpec:
 
 def _parts(option: str, text: str, example: str) -> tuple[str, dict[str, Any]]:
     """Return the name and the values of ``NAME`` or ``NAME={…}``."""
-    name, _, given = text.partition("=")
+    name, _, options_text = text.partition("=")
     remedy = f"write {option} '{name}={example}', for a shell in single quotes as it stands here"
-    return name, parse_options(given, f"{option} {name}", remedy)
+    return name, parse_options(options_text, f"{option} {name}", remedy)
 
 
 def entry_spec(name: str, value: dict[str, Any]) -> ModelSpec:
@@ -352,13 +352,13 @@ def _with_remedy(error: InputError) -> InputError:
     field = error.field or ""
     last = re.split(r"[.\[]", field)[-1]
     of: type[Strict] = ModelEntry if field.startswith("models.") else ModelsFile
-    known = {info.alias or name: info.description for name, info in of.model_fields.items()}
+    descriptions = {info.alias or name: info.description for name, info in of.model_fields.items()}
     return InputError(
         error.problem,
         file=error.file or None,
         field=field,
         value=error.value,
-        remedy=f"give {known[last]}" if known.get(last) else error.remedy,
+        remedy=f"give {descriptions[last]}" if descriptions.get(last) else error.remedy,
     )
 
 
@@ -368,7 +368,7 @@ def _spec(name: str, entry: ModelEntry) -> ModelSpec:
     if entry.interface and backend in OPTION_INTERFACE and not entry.attached:
         # Requests and prompts have to be of the same interface.
         options.setdefault("interface", entry.interface)
-    given = {key: getattr(entry, key) for key in _PREPROCESSING}
+    preprocessing = {key: getattr(entry, key) for key in _PREPROCESSING}
     blind = backend == _CHAT and is_blind(options)
     return ModelSpec(
         name,
@@ -378,7 +378,7 @@ def _spec(name: str, entry: ModelEntry) -> ModelSpec:
         interface=entry.interface,
         adapter=entry.adapter,
         timeout_s=entry.timeout_s,
-        preprocessing={key: value for key, value in given.items() if value is not None},
+        preprocessing={key: value for key, value in preprocessing.items() if value is not None},
         facts=ModelFacts(entry.total_b, entry.active_b, entry.architecture),
         condition=BLIND if blind else "",
         control=blind,
@@ -399,8 +399,8 @@ def check_model(spec: ModelSpec, file: str | None = None, field: str = "") -> No
             value=spec.name,
             remedy="use letters, digits and underscores, a letter first, 64 at most",
         )
-    known = spec.name in {*CONTROLS, *ANSWERERS} and spec.backend not in ("", spec.name)
-    if known or spec.name == BEST_CONSTANT:
+    is_reserved = spec.name in {*CONTROLS, *ANSWERERS} and spec.backend not in ("", spec.name)
+    if is_reserved or spec.name == BEST_CONSTANT:
         # Its cells would be taken for those of the answerer, and be replaced by them.
         raise InputError(
             "is the name of an answerer of ours, and can't be that of another backend",
@@ -416,10 +416,10 @@ def check_model(spec: ModelSpec, file: str | None = None, field: str = "") -> No
             field=f"{field}.{'backend' if spec.backend else 'options'}",
             remedy="give them to the bridge, or leave out attached",
         )
-    told = spec.options.get("interface")
-    if spec.interface and told is not None and told != spec.interface:
+    interface = spec.options.get("interface")
+    if spec.interface and interface is not None and interface != spec.interface:
         raise InputError(
-            f"is {told!r}, and the model's interface is {spec.interface!r}",
+            f"is {interface!r}, and the model's interface is {spec.interface!r}",
             file=file,
             field=f"{field}.options.interface",
             remedy="give one of them",
@@ -457,10 +457,10 @@ def with_controls(specs: list[ModelSpec], driving: Collection[str] = ()) -> list
         driving: names under which the campaign has models already; an answerer with one of them is
             asked like the others and stays a model.
     """
-    found = once_more(specs, CONDITIONS, {*CONTROLS, *ANSWERERS})
+    models = once_more(specs, CONDITIONS, {*CONTROLS, *ANSWERERS})
     names = {spec.name for spec in specs}
     added = [bridge_spec(name) for name in ANSWERERS if name not in names]
-    return found + [replace(s, control=s.name not in driving, answerer=True) for s in added]
+    return models + [replace(s, control=s.name not in driving, answerer=True) for s in added]
 
 
 def with_pictures(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
@@ -498,12 +498,12 @@ def with_blind(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
 def with_reasoning(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
     """Return the models; one that takes its own text back is followed by itself with each fact."""
     names = [REASONING + fact for fact in FACTS]
-    found = once_more(specs, names, {s.backend_name for s in specs if not is_chat(s)})
+    models = once_more(specs, names, {s.backend_name for s in specs if not is_chat(s)})
     return [
         replace(s, options={**s.options, "give_back": s.condition.removeprefix(REASONING)})
         if s.condition in names
         else s
-        for s in found
+        for s in models
     ]
 
 
@@ -522,13 +522,13 @@ def with_twin_conditions(specs: Sequence[ModelSpec], twins: Sequence[str]) -> li
 
 def with_repeats(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
     """Return the models; one asked with a changed cause is followed by itself, asked again."""
-    found: list[ModelSpec] = []
+    models: list[ModelSpec] = []
     for _, group in groupby(specs, lambda spec: spec.name):
         own, *others = group
-        found += [own, *others]
+        models += [own, *others]
         if any(spec.condition.startswith(_FAMILIES) for spec in others):
-            found.append(replace(own, condition=REPEAT, control=True))
-    return found
+            models.append(replace(own, condition=REPEAT, control=True))
+    return models
 
 
 def once_more(
@@ -543,17 +543,17 @@ def once_more(
         conditions: their names.
         but: names of backends whose models get none.
     """
-    found = []
+    models = []
     own = None
     blind = [spec for spec in specs if spec.condition == BLIND]
     specs = [spec for spec in specs if spec.condition != BLIND]
     for spec, following in zip_longest(specs, specs[1:]):
-        found.append(spec)
+        models.append(spec)
         own = spec if own is None or own.name != spec.name else own
         last = following is None or following.name != spec.name
         if last and spec.backend_name not in but:
-            found += [replace(own, condition=name, control=True) for name in conditions]
-    return found + blind
+            models += [replace(own, condition=name, control=True) for name in conditions]
+    return models + blind
 
 
 def check_bridge(model: ModelSpec) -> None:
@@ -586,8 +586,8 @@ def check_bridge(model: ModelSpec) -> None:
     filled = ModelSpec(model.name, CONTROLS.get(backend, {})).options_for("", 0)
     if filled:
         # What only the cell knows isn't there yet; names and types can be checked without it.
-        known = {key: type(value) for key, value in filled.items()}
-        check_options(backend, model.options_for("", 0), known)
+        option_types = {key: type(value) for key, value in filled.items()}
+        check_options(backend, model.options_for("", 0), option_types)
     elif backend == "python":
         python.check(model.options)
     elif backend == "node":

@@ -43,16 +43,18 @@ class RequestTracker:
 
     def offer(self, response: Response) -> None:
         """Take an answer: use it, or count it as late, duplicate or unknown."""
-        asked = self._open
-        if asked is not None and response.request_id == asked.request_id:
-            self._answered.add(asked.request_id)
+        request = self._open
+        if request is not None and response.request_id == request.request_id:
+            self._answered.add(request.request_id)
             self._open = None
             problem = unusable(response)
             self._reply = (
                 ModelReply(None, problem) if problem else ModelReply(with_end_read(response))
             )
-            if response.stamp_ns != asked.stamp_ns:
-                reason = f"the answer is stamped {response.stamp_ns} ns, asked was {asked.stamp_ns}"
+            if response.stamp_ns != request.stamp_ns:
+                reason = (
+                    f"the answer is stamped {response.stamp_ns} ns, asked was {request.stamp_ns}"
+                )
                 self._reply = ModelReply(None, reason)
         elif response.request_id in self._given_up:
             self.ignored.late += 1

@@ -127,11 +127,14 @@ def question_under(
 
 def _about_twin(question: Question, twin: TwinClip, rules: Preprocessing) -> Question | NoQuestion:
     """Replace the recording's own question by the one about a twin."""
-    found = twin.clip.question(question.label_t_s, rules)
-    if isinstance(found, Question) and found.t_s != question.t_s:
-        why = f"the newest frame of the twin is that at {found.t_s:.3f} s, not {question.t_s:.3f} s"
+    twin_question = twin.clip.question(question.label_t_s, rules)
+    if isinstance(twin_question, Question) and twin_question.t_s != question.t_s:
+        why = (
+            f"the newest frame of the twin is that at {twin_question.t_s:.3f} s, "
+            f"not {question.t_s:.3f} s"
+        )
         return NoQuestion(question.label_t_s, why)
-    return found
+    return twin_question
 
 
 def with_lost_frames(question: Question, clip: Clip, strength: int) -> Question:

@@ -50,8 +50,8 @@ def _grain(light: Light, sigma: float, rng: np.random.Generator) -> Light:
         sigma: at full light, share of full scale.
         rng: random numbers of the frame.
     """
-    drawn = rng.standard_normal(light.shape, np.float32)
-    return _light(light + sigma * np.sqrt(0.15 + 0.85 * light) * drawn)
+    random_noise = rng.standard_normal(light.shape, np.float32)
+    return _light(light + sigma * np.sqrt(0.15 + 0.85 * light) * random_noise)
 
 
 def noise(light: Light, strength: int, stamp_ns: int) -> Light:
@@ -132,9 +132,9 @@ def corrupted(image: Picture, kind: str, strength: int, stamp_ns: int) -> Pictur
         stamp_ns: of the frame; noise differs from frame to frame.
     """
     light = image.astype(np.float32) / np.float32(255.0)
-    shown = EFFECTS[kind](light, strength, stamp_ns)
-    found: Picture = np.rint(np.clip(shown, 0.0, 1.0) * 255.0).astype(np.uint8)
-    return found
+    output_light = EFFECTS[kind](light, strength, stamp_ns)
+    picture: Picture = np.rint(np.clip(output_light, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return picture
 
 
 # Requests of neighbouring label times share frames, and every model is asked with the same ones.
@@ -182,8 +182,8 @@ def is_lost(since_start_ns: int, strength: int) -> bool:
         since_start_ns: time of the frame on the clip's clock.
         strength: 1 or 2.
     """
-    drawn = sha256_json([CONDITION_SEED, DROPPED, since_start_ns // seconds_to_ns(_LOST_SPAN_S)])
-    return int(drawn.removeprefix("sha256:")[:8], 16) < (0.4, 0.75)[strength - 1] * 2**32
+    digest = sha256_json([CONDITION_SEED, DROPPED, since_start_ns // seconds_to_ns(_LOST_SPAN_S)])
+    return int(digest.removeprefix("sha256:")[:8], 16) < (0.4, 0.75)[strength - 1] * 2**32
 
 
 def _decoded(jpeg: bytes, way: int = cv2.IMREAD_COLOR) -> Picture:
@@ -198,8 +198,8 @@ def _decoded(jpeg: bytes, way: int = cv2.IMREAD_COLOR) -> Picture:
 
 
 def _encoded(image: Picture, quality: int = _JPEG_QUALITY) -> bytes:
-    done, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    if not done:
+    success, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not success:
         height, width = image.shape[:2]
         raise ValueError(f"OpenCV can't encode a picture of {width} × {height} px")
     return jpeg.tobytes()

@@ -37,12 +37,12 @@ def series_of(models: Sequence[ModelSpec]) -> list[list[ModelSpec]]:
     One whose factual question is asked again is a group with all its conditions; of the others each
     condition is a group of its own.
     """
-    found: list[list[ModelSpec]] = []
+    series: list[list[ModelSpec]] = []
     for _, group in groupby(models, lambda model: model.name):
         listed = [*group]
         together = any(model.condition == REPEAT for model in listed)
-        found += [listed] if together else [[model] for model in listed]
-    return found
+        series += [listed] if together else [[model] for model in listed]
+    return series
 
 
 def stages_of(
@@ -86,8 +86,8 @@ def balanced_rows(count: int, rows: int, rng: random.Random) -> list[tuple[int, 
     """
     # 0, 1, n−1, 2, n−2, …: neighbours differ by every number once.
     zigzag = [(k + 1) // 2 if k % 2 else -(k // 2) for k in range(count)]
-    found: list[tuple[int, ...]] = []
-    while len(found) < rows:
+    orders: list[tuple[int, ...]] = []
+    while len(orders) < rows:
         things = list(range(count))
         rng.shuffle(things)
         square = [
@@ -95,5 +95,5 @@ def balanced_rows(count: int, rows: int, rng: random.Random) -> list[tuple[int, 
         ]
         for each in (square, [row[::-1] for row in square]) if count % 2 else (square,):
             rng.shuffle(each)
-            found += each
-    return found[:rows]
+            orders += each
+    return orders[:rows]

@@ -32,8 +32,8 @@ def with_twins(
         InputError: they are of another recording, or one isn't the bag that was audited.
     """
     clip = labelled.clip
-    found = read_set(clip.path)
-    for one in found.twins if found is not None and not conditions else ():
+    twin_set = read_set(clip.path)
+    for one in twin_set.twins if twin_set is not None and not conditions else ():
         if not one.audit.holds:
             why = "; ".join(one.audit.reasons) or "no reason is given"
             place = bag_of(clip.path, one.identity.name)

@@ -73,8 +73,8 @@ class Admission:
             why.append(
                 f"the audit read the verdict {self.verdict_sha256}, the bag's is {verdict_sha256}"
             )
-        seen = self.entry.observations if self.entry is not None else None
-        read = {} if seen is None else seen.files
+        audit_observations = self.entry.observations if self.entry is not None else None
+        read = {} if audit_observations is None else audit_observations.files
         if observations is not None and observations != read:
             names = sorted(
                 n for n in {**read, **observations} if read.get(n) != observations.get(n)
@@ -92,19 +92,19 @@ class Admission:
             InputError: naming audit, field and both values.
         """
         for name in ("domain", "scenario", "event_version", "origin", "stand_in", "verdict"):
-            told, found = getattr(self.entry, name, None), getattr(facts, name)
+            claim, fact = getattr(self.entry, name, None), getattr(facts, name)
             # The verdict may have come later; held_against says so.
             if (
                 self.entry is None
-                or told == found
+                or claim == fact
                 or (name == "verdict" and self.verdict_sha256 != facts.verdict_sha256)
             ):
                 continue
             raise InputError(
-                f"isn't of the recording {facts.name} that it names by its hash: that has {found}",
+                f"isn't of the recording {facts.name} that it names by its hash: that has {fact}",
                 file=self.file,
                 field=f"recordings.{facts.domain}.{name}",
-                value=told,
+                value=claim,
                 remedy="make it again with `ssp audit`",
             )
 
@@ -130,31 +130,31 @@ def load_admissions(files: Iterable[Path]) -> dict[str, Admission]:
     Raises:
         InputError: a file is no audit, or two audits say different things of one recording.
     """
-    found: dict[str, tuple[Admission, Path]] = {}
+    admissions: dict[str, tuple[Admission, Path]] = {}
     for file in files:
         audit = load_audit(file)
         path = file / AUDIT_FILE if file.is_dir() else file
         digest = sha256_file(path)
         for entry in audit.recordings:
             admission = replace(admission_of(entry, digest), file=path)
-            known = found.setdefault(entry.bag_sha256, (admission, file))
-            if known[0].status != admission.status:
+            first = admissions.setdefault(entry.bag_sha256, (admission, file))
+            if first[0].status != admission.status:
                 raise InputError(
-                    f"says {admission.status} of {entry.name}, and {known[1]} says "
-                    f"{known[0].status}",
+                    f"says {admission.status} of {entry.name}, and {first[1]} says "
+                    f"{first[0].status}",
                     file=file,
                     remedy="give the audit that this evaluation is to go by",
                 )
-            if (known[0].verdict_sha256, known[0].crop) != (
+            if (first[0].verdict_sha256, first[0].crop) != (
                 admission.verdict_sha256,
                 admission.crop,
             ):
                 raise InputError(
-                    f"is of another verdict or another clip of {entry.name} than {known[1]}",
+                    f"is of another verdict or another clip of {entry.name} than {first[1]}",
                     file=file,
                     remedy="give the audit that this evaluation is to go by",
                 )
-    return {bag: admission for bag, (admission, _) in found.items()}
+    return {bag: admission for bag, (admission, _) in admissions.items()}
 
 
 def admission_of(entry: RecordingEntry, audit_sha256: str) -> Admission:
@@ -180,10 +180,10 @@ def said_of(audit: Audit, bag: str | None, verdict_sha256: str | None) -> set[st
 
 def keep_audits(out: Path, admissions: Iterable[Admission]) -> None:
     """Leave the audits that cells go by in the campaign, where the report checks them."""
-    kept = kept_audits(out)
-    wanted = {a.audit_sha256: a.file for a in admissions if a.file is not None}
-    for digest, file in wanted.items():
-        if digest is None or digest in kept:
+    archive = kept_audits(out)
+    files = {a.audit_sha256: a.file for a in admissions if a.file is not None}
+    for digest, file in files.items():
+        if digest is None or digest in archive:
             continue
         folder = make_folder(out / AUDITS / digest.removeprefix("sha256:")[:16])
         write_bytes(folder / AUDIT_FILE, file.read_bytes())

@@ -17,14 +17,14 @@ BY_READER, BY_LLM = "slots by the learned reader", "slots by the LLM"
 
 
 def records_of(
-    asked: Sequence[Exchange], adapter: str, extractor: Extractor | None = None
+    exchanges: Sequence[Exchange], adapter: str, extractor: Extractor | None = None
 ) -> list[BehaviourRecord]:
     """Make one record per answer.
 
     A label time without an answer leaves no record, which scoring counts as a missing output.
 
     Args:
-        asked: the cell's questions with their answers.
+        exchanges: the cell's questions with their answers.
         adapter: its name.
         extractor: of the slots; None: rules and reader.
 
@@ -33,7 +33,7 @@ def records_of(
     """
     return [
         record_of(one.t_s, one.record_from, adapter, one.request, one.no_previous, extractor)
-        for one in asked
+        for one in exchanges
         if one.record_from is not None and one.t_s is not None
     ]
 
@@ -65,29 +65,29 @@ def record_of(
     notes = list(adapted.info.notes)
     if no_previous:
         notes.append(f"asked without a previous answer: {no_previous}")
-    found = (extractor or Extractor())(text)
-    if found.language:
-        notes.append(f"{NOT_READ}: {found.language}")
-    notes += _sources(found)
+    extraction = (extractor or Extractor())(text)
+    if extraction.language:
+        notes.append(f"{NOT_READ}: {extraction.language}")
+    notes += _sources(extraction)
     return BehaviourRecord(
         t_s=t_s,
         text=text,
-        slots=found.slots,
+        slots=extraction.slots,
         trajectory=adapted.trajectory,
         invalid=adapted.invalid,
         adapter={**asdict(adapted.info), "notes": notes},
     )
 
 
-def _sources(found: TextExtraction) -> list[str]:
+def _sources(extraction: TextExtraction) -> list[str]:
     """List the slots that the rules didn't fill, and the failures of the extraction's LLM."""
     notes = []
-    if found.by_reader:
-        notes.append(f"{BY_READER}: {', '.join(found.by_reader)}")
-    if found.withdrawn:
-        notes.append(f"slots the reader took back: {', '.join(found.withdrawn)}")
-    if found.by_llm:
-        notes.append(f"{BY_LLM}: {', '.join(found.by_llm)}")
-    if found.trouble:
-        notes.append(f"{LLM_MISSING}: {found.trouble}")
+    if extraction.by_reader:
+        notes.append(f"{BY_READER}: {', '.join(extraction.by_reader)}")
+    if extraction.withdrawn:
+        notes.append(f"slots the reader took back: {', '.join(extraction.withdrawn)}")
+    if extraction.by_llm:
+        notes.append(f"{BY_LLM}: {', '.join(extraction.by_llm)}")
+    if extraction.trouble:
+        notes.append(f"{LLM_MISSING}: {extraction.trouble}")
     return notes

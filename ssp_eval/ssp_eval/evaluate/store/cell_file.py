@@ -41,17 +41,17 @@ def short(reason: str) -> str:
 def short_list(reasons: Sequence[str]) -> list[str]:
     """Return the first reasons, and how many more there are."""
     more = len(reasons) - _MOST_REASONS
-    shown = [short(reason) for reason in reasons[:_MOST_REASONS]]
-    return [*shown, f"and {more} more"] if more > 0 else shown
+    texts = [short(reason) for reason in reasons[:_MOST_REASONS]]
+    return [*texts, f"and {more} more"] if more > 0 else texts
 
 
 def decodings(answers: Sequence[Response]) -> list[dict[str, Any]]:
     """Return the distinct decoding settings of the answers; those that vary by answer are raw."""
-    found = {}
+    settings_by_text = {}
     for answer in answers:
         settings = settings_of(answer)
-        found[json.dumps(settings, sort_keys=True)] = settings
-    return [found[key] for key in sorted(found)]
+        settings_by_text[json.dumps(settings, sort_keys=True)] = settings
+    return [settings_by_text[key] for key in sorted(settings_by_text)]
 
 
 @dataclass(frozen=True)
@@ -245,26 +245,26 @@ def _file_hashes(folder: Path) -> dict[str, str]:
 
 def sealed(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return cell.json's content, with the hash of all of it under ``hashes.cell``."""
-    hashes = {key: told for key, told in facts["hashes"].items() if key != SEAL}
+    hashes = {key: sha256 for key, sha256 in facts["hashes"].items() if key != SEAL}
     digest = sha256_json({**facts, "hashes": hashes})
     return {**facts, "hashes": {**hashes, SEAL: digest}}
 
 
 def changed_since(folder: Path, facts: Mapping[str, Any]) -> str:
     """Name the file of a cell that isn't as the evaluation left it; empty where all are."""
-    told = facts["hashes"]
-    if SEAL not in told:
+    hashes = facts["hashes"]
+    if SEAL not in hashes:
         return (
             f"{CELL_FILE} names no hash of itself, as those of earlier versions; give "
             "`ssp evaluate` the same command again, nothing that is stored is asked again"
         )
-    if sealed(facts)["hashes"][SEAL] != told[SEAL]:
+    if sealed(facts)["hashes"][SEAL] != hashes[SEAL]:
         return f"{CELL_FILE} was changed since it was written"
-    found = _file_hashes(folder)
+    current_hashes = _file_hashes(folder)
     for name in HASHED:
         key = Path(name).stem
-        if found.get(key) != told.get(key):
-            what = "was changed" if key in found and key in told else "came or went"
+        if current_hashes.get(key) != hashes.get(key):
+            what = "was changed" if key in current_hashes and key in hashes else "came or went"
             return f"{name} {what} since the cell was evaluated"
     return ""
 
@@ -289,7 +289,7 @@ def write_cell(
     place: CellPlace,
     status: str,
     reasons: Sequence[str],
-    asked: Sequence[Exchange] = (),
+    exchanges: Sequence[Exchange] = (),
     ignored: IgnoredAnswers | None = None,
     score: dict[str, Any] | None = None,
 ) -> CellResult:
@@ -299,11 +299,11 @@ def write_cell(
         place: the cell's folder, recording and model.
         status: ok, refused or failed.
         reasons: of a refusal or failure, the primary one first.
-        asked: questions with their answers.
+        exchanges: questions with their answers.
         ignored: answers that came late, twice or to no question; None: not counted.
         score: METHOD 6.14, None unless ok.
     """
-    facts = _facts(place, status, reasons, asked, ignored)
+    facts = _facts(place, status, reasons, exchanges, ignored)
     write_json(place.folder / CELL_FILE, sealed(facts))
     labelled, model = place.labelled, place.model
     return CellResult(
@@ -314,39 +314,39 @@ def write_cell(
         status=status,
         reasons=tuple(short_list(reasons)),
         score=score,
-        asked=len(_sent(asked)),
-        reused=sum(one.reused for one in asked),
-        losses=_losses(asked),
+        asked=len(_sent(exchanges)),
+        reused=sum(one.reused for one in exchanges),
+        losses=_losses(exchanges),
         admission=labelled.admission.status,
         admission_reasons=labelled.admission.reasons,
-        again=sum(one.again for one in asked),
+        again=sum(one.again for one in exchanges),
         control=model.control,
         condition=model.condition,
         driven_by=labelled.clip.provenance.driven_by,
-        first_missing=next((short(one.missing) for one in asked if one.missing), ""),
+        first_missing=next((short(one.missing) for one in exchanges if one.missing), ""),
         labels_per_phase=phase_counts(labelled.labels),
     )
 
 
-def _sent(asked: Sequence[Exchange]) -> list[Exchange]:
-    return [one for one in asked if one.request is not None and not one.reused]
+def _sent(exchanges: Sequence[Exchange]) -> list[Exchange]:
+    return [one for one in exchanges if one.request is not None and not one.reused]
 
 
-def _losses(asked: Sequence[Exchange]) -> dict[str, int]:
-    return dict(sorted(Counter(str(one.loss) for one in asked if one.missing).items()))
+def _losses(exchanges: Sequence[Exchange]) -> dict[str, int]:
+    return dict(sorted(Counter(str(one.loss) for one in exchanges if one.missing).items()))
 
 
 def _facts(
     place: CellPlace,
     status: str,
     reasons: Sequence[str],
-    asked: Sequence[Exchange],
+    exchanges: Sequence[Exchange],
     ignored: IgnoredAnswers | None,
 ) -> dict[str, Any]:
     """Collect the content of cell.json; see write_cell."""
     labelled, model = place.labelled, place.model
     facts = labelled.clip.provenance
-    answers = [one.response for one in asked if one.response is not None]
+    answers = [one.response for one in exchanges if one.response is not None]
     settings = decodings(answers)
     return {
         "schema": CELL_SCHEMA,
@@ -370,15 +370,15 @@ def _facts(
         "labels_plan": labelled.labels.plan,
         "labels_per_phase": phase_counts(labelled.labels),
         "answers": {
-            "sent": len(_sent(asked)),
-            "reused": sum(one.reused for one in asked),
-            "asked_again": sum(one.again for one in asked),
+            "sent": len(_sent(exchanges)),
+            "reused": sum(one.reused for one in exchanges),
+            "asked_again": sum(one.again for one in exchanges),
             "missing": [
                 {"label_t_s": one.label_t_s, "kind": one.loss, "reason": short(one.missing)}
-                for one in asked
+                for one in exchanges
                 if one.missing
             ],
-            "missing_by_kind": _losses(asked),
+            "missing_by_kind": _losses(exchanges),
             "ignored": (ignored or IgnoredAnswers()).to_json(),
         },
         "backend": "" if model.attached else model.backend_name,

@@ -44,11 +44,15 @@ def check_unchanged(cell: Path) -> None:
         InputError: a file of them was changed.
     """
     try:
-        told = read_json_mapping(cell / CELL_FILE).get("hashes")
+        hashes = read_json_mapping(cell / CELL_FILE).get("hashes")
     except InputError:
         return  # no run has finished here
     for path in (cell / RAW_FILE, cell / EARLIER_FILE):
-        if path.is_file() and isinstance(told, dict) and sha256_file(path) != told.get(path.stem):
+        if (
+            path.is_file()
+            and isinstance(hashes, dict)
+            and sha256_file(path) != hashes.get(path.stem)
+        ):
             raise InputError(
                 "was changed since the cell was evaluated",
                 file=path,
@@ -77,12 +81,12 @@ class RawStore:
 
     def _read(self, path: Path) -> dict[str, Response]:
         """Return a file's answers by key; an error is none unless it is the model's last word."""
-        found = {}
+        answers = {}
         for number, value in self._lines(path):
             response = with_end_read(response_from_json(value, file=str(path), line=number))
             if response.error_code in (ErrorCode.NONE, ErrorCode.DECLINED):
-                found[key_of(response.request_id)] = response
-        return found
+                answers[key_of(response.request_id)] = response
+        return answers
 
     def _lines(self, path: Path) -> Iterator[tuple[int, Any]]:
         content = path.read_bytes() if path.exists() else b""
@@ -127,14 +131,14 @@ class RawStore:
         except OSError as error:
             raise not_written(self._path, error) from error
 
-    def finish(self, asked: Sequence[Exchange]) -> None:
+    def finish(self, exchanges: Sequence[Exchange]) -> None:
         """Leave exactly one line per answered label time, in order, and what was asked.
 
         Answers that were stored before and aren't among these are kept beside them, unless the same
         was asked anew.
         """
-        answers = [one.response for one in asked if one.response is not None]
-        sent = [one.request.request_id for one in asked if one.request is not None]
+        answers = [one.response for one in exchanges if one.response is not None]
+        sent = [one.request.request_id for one in exchanges if one.request is not None]
         now = {key_of(one) for one in (*sent, *(answer.request_id for answer in answers))}
         earlier = {key: answer for key, answer in self._stored.items() if key not in now}
         remove_file(self._cell_path)
@@ -144,7 +148,7 @@ class RawStore:
         elif earlier != self._earlier:
             _write_lines(self._earlier_path, [response_to_json(one) for one in earlier.values()])
         _write_lines(self._path, [response_to_json(answer) for answer in answers])
-        _write_lines(self._requests_path, [_question(one) for one in asked])
+        _write_lines(self._requests_path, [_question(one) for one in exchanges])
 
 
 def _question(one: Exchange) -> dict[str, Any]:

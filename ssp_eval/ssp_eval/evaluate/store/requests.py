@@ -37,15 +37,17 @@ _OF_DELIVERY = ("request_id", "latency_s", "timeout_s", "tries")
 
 def answer_sha256(response: Response) -> str:
     """Hash of what a model said, whenever and however fast it did, and in however many tries."""
-    value = _said(response_to_json(response))
-    decoding = _said(value["decoding"])
+    value = _answer_facts(response_to_json(response))
+    decoding = _answer_facts(value["decoding"])
     stages = decoding.get("stages")
     if isinstance(stages, list):
-        decoding["stages"] = [_said(one) if isinstance(one, dict) else one for one in stages]
+        decoding["stages"] = [
+            _answer_facts(one) if isinstance(one, dict) else one for one in stages
+        ]
     return sha256_json({**value, "decoding": decoding})
 
 
-def _said(facts: Mapping[str, Any]) -> dict[str, Any]:
+def _answer_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in facts.items() if key not in _OF_DELIVERY}
 
 
@@ -183,12 +185,12 @@ def model_facts(model: ModelSpec, labels_sha256: str, clip_start_ns: int) -> dic
         options["labels_file"] = sha256_file(str(options["labels_file"]))
     if backend == "python" and "function" in options:
         module, _ = split(str(options["function"]))
-        found = _source(module, options)
-        if found:
-            facts["source"] = found
+        source = _source(module, options)
+        if source:
+            facts["source"] = source
             options.pop("folder", None)
-    if ":" in backend and (found := _source(backend.partition(":")[0], {})):
-        facts["source"] = found
+    if ":" in backend and (source := _source(backend.partition(":")[0], {})):
+        facts["source"] = source
     return {
         **facts,
         "model": model.name,

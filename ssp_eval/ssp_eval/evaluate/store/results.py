@@ -282,8 +282,8 @@ class CellData:
         """Name of the model, with its condition."""
         name = self.facts.model
         # A bridge that was attached, or a recording, tells in its answers that it was shown none.
-        told = any(map(is_blind, self.facts.decoding))
-        return f"{name}+{BLIND}" if told and not condition_of(name)[1] else name
+        has_no_pictures = any(map(is_blind, self.facts.decoding))
+        return f"{name}+{BLIND}" if has_no_pictures and not condition_of(name)[1] else name
 
     @property
     def is_blind(self) -> bool:
@@ -309,8 +309,8 @@ class CellData:
     def is_control(self) -> bool:
         """True for a bridge that checks the harness."""
         facts = self.facts
-        named = is_control_name(self.model) or facts.backend in NEVER_MODELS
-        return named or facts.control or bool(facts.condition)
+        has_control_name = is_control_name(self.model) or facts.backend in NEVER_MODELS
+        return has_control_name or facts.control or bool(facts.condition)
 
     @property
     def id(self) -> str:
@@ -369,30 +369,30 @@ class KeptAudits:
 
     def against(self, facts: CellFacts) -> str:
         """Say how a cell's admission departs from its audit; empty where it doesn't."""
-        status, named = facts.admission.status, facts.admission.audit_sha256
+        status, digest = facts.admission.status, facts.admission.audit_sha256
         if facts.status != "ok" or status == UNAUDITED:
             return ""
         if status == REFUSED:
             return "it is scored though the audit refused its recording"
-        if named is None:
+        if digest is None:
             return f"it says {status} and names no audit"
-        if named not in self._files:
+        if digest not in self._files:
             return (
-                f"it says {status}, and the audit that it names ({named}) isn't in {AUDITS}/; give "
-                "`ssp evaluate` the same command with that audit again"
+                f"it says {status}, and the audit that it names ({digest}) isn't in {AUDITS}/; "
+                "give `ssp evaluate` the same command with that audit again"
             )
         try:
-            if named not in self._read:
-                self._read[named] = load_audit(self._files[named])
+            if digest not in self._read:
+                self._read[digest] = load_audit(self._files[digest])
         except InputError as error:
             return str(error)
-        audit = self._read[named]
-        told = said_of(audit, facts.hashes.get("bag"), facts.hashes.get("verdict"))
-        if told != {status} or audit.event_version != facts.event_version:
-            words = ", ".join(sorted(told)) or "not known"
+        audit = self._read[digest]
+        statuses = said_of(audit, facts.hashes.get("bag"), facts.hashes.get("verdict"))
+        if statuses != {status} or audit.event_version != facts.event_version:
+            words = ", ".join(sorted(statuses)) or "not known"
             return (
                 f"it says {status} of event version {facts.event_version}, and by "
-                f"{self._files[named]} it is {words} of {audit.event_version}"
+                f"{self._files[digest]} it is {words} of {audit.event_version}"
             )
         return ""
 
@@ -411,13 +411,13 @@ def read_cells(files: Sequence[Path], audits: KeptAudits) -> Iterator[CellData]:
         cells = [_read_cell(file, audits) for file in files[start : start + _BLOCK]]
         scores: dict[int, CellScore] = {}
         for thresholds in dict.fromkeys(cell.thresholds for cell in cells):
-            chosen = [
+            numbers = [
                 number
                 for number, cell in enumerate(cells)
                 if cell.facts.status == "ok" and cell.thresholds == thresholds
             ]
-            those = [(cells[number].labels, cells[number].records) for number in chosen]
-            scores |= zip(chosen, score_in_detail(those, thresholds), strict=True)
+            those = [(cells[number].labels, cells[number].records) for number in numbers]
+            scores |= zip(numbers, score_in_detail(those, thresholds), strict=True)
         for number, cell in enumerate(cells):
             yield _scored(cell, scores[number]) if number in scores else cell
 
@@ -441,8 +441,8 @@ def _read_cell(file: Path, audits: KeptAudits) -> CellData:
         return CellData(folder, facts, labels, (), (), None, ())
     records = load_records(folder / RECORDS_FILE)
     thresholds = DEFAULT if facts.thresholds is None else thresholds_of(facts.thresholds, file)
-    asked = request_lines(folder / REQUESTS_FILE)
-    return CellData(folder, facts, labels, records, asked, None, (), thresholds)
+    requests = request_lines(folder / REQUESTS_FILE)
+    return CellData(folder, facts, labels, records, requests, None, (), thresholds)
 
 
 def _refused(folder: Path, facts: CellFacts, why: str) -> CellData:
@@ -504,10 +504,10 @@ def _scored(cell: CellData, score: CellScore) -> CellData:
     if losses := losses_text(facts.answers.missing_by_kind):
         notes.append(f"{losses}. They count as missing outputs.")
     if foreign := _languages(records):
-        told = ", ".join(f"{name} {count}" for name, count in sorted(foreign.items()))
+        languages = ", ".join(f"{name} {count}" for name, count in sorted(foreign.items()))
         notes.append(
-            f"{foreign.total()} of {len(records)} texts are {NOT_READ} ({told}): what they say of "
-            "the scene and the plan counts as missing."
+            f"{foreign.total()} of {len(records)} texts are {NOT_READ} ({languages}): what they "
+            "say of the scene and the plan counts as missing."
         )
     notes += _shares(records)
     if lacking := sum(_has_note(record, LLM_MISSING) for record in records):
@@ -528,7 +528,7 @@ def _has_note(record: BehaviourRecord, beginning: str) -> bool:
 
 def _shares(records: Sequence[BehaviourRecord]) -> Iterator[str]:
     """Describe how many of the slots the rules didn't fill."""
-    given = sum(getattr(one.slots, name) is not None for one in records for name in SLOT_NAMES)
+    slot_count = sum(getattr(one.slots, name) is not None for one in records for name in SLOT_NAMES)
     for source, name in ((BY_READER, "learned reader"), (BY_LLM, "LLM of the extraction")):
         filled = sum(
             note.count(",") + 1
@@ -537,7 +537,7 @@ def _shares(records: Sequence[BehaviourRecord]) -> Iterator[str]:
             if note.startswith(f"{source}: ")
         )
         if filled:
-            yield f"The {name} filled {filled} of {given} slots ({filled / given:.2f})."
+            yield f"The {name} filled {filled} of {slot_count} slots ({filled / slot_count:.2f})."
 
 
 def _languages(records: Iterable[BehaviourRecord]) -> Counter[str]:
@@ -556,8 +556,8 @@ def request_lines(file: Path) -> tuple[bytes, ...]:
     Raises:
         InputError: a line is damaged; with its number.
     """
-    found = []
+    lines = []
     for number, line in enumerate(read_text(file, MOST_BYTES).splitlines(), start=1):
         parse_line(RequestFacts, line, file, number)
-        found.append(line.encode())
-    return tuple(found)
+        lines.append(line.encode())
+    return tuple(lines)

@@ -199,12 +199,12 @@ class _Pass:
                 raise ValueError(f"two topics have number {channel.id}")
         elif opcode == Opcode.MESSAGE:
             number = parse_message(body).channel_id
-            known = self._channels.get(number)
-            if known is None:
+            message_channel = self._channels.get(number)
+            if message_channel is None:
                 raise ValueError(f"a message of topic number {number}, which is not known")
-            self.messages[known.topic] += 1
-            if self._later and REPEATED_KEY in known.metadata:
-                self.repeated[known.topic] += 1
+            self.messages[message_channel.topic] += 1
+            if self._later and REPEATED_KEY in message_channel.metadata:
+                self.repeated[message_channel.topic] += 1
 
 
 def _decode_all(

@@ -80,14 +80,14 @@ def cut_bag(
         HostError: the disk doesn't take it.
     """
     with open_bag(source) as bag, new_folder(target) as folder:
-        wanted = [name for name in bag.topics if name in frozenset(topics)]
+        topic_names = [name for name in bag.topics if name in frozenset(topics)]
         with BagWriter(folder, name=f"{target.name}_0", maker=Maker.CUT) as writer:
             writer.add_sources(source_of(bag))
-            cut = _Cut(bag, writer, wanted, advance)
+            cut = _Cut(bag, writer, topic_names, advance)
             cut.copy(start_ns, stop_ns)
-        told = (source if source.is_dir() else source.parent) / VERDICT_FILE
-        if told.is_file():
-            shutil.copyfile(told, folder / VERDICT_FILE)
+        verdict_file = (source if source.is_dir() else source.parent) / VERDICT_FILE
+        if verdict_file.is_file():
+            shutil.copyfile(verdict_file, folder / VERDICT_FILE)
     return cut.report
 
 
@@ -153,19 +153,19 @@ class _Cut:
     def _latched(self, start_ns: int) -> Iterator[BagMessage]:
         """Yield the messages that a late joiner would get at that time, topic by topic."""
         topics = self._bag.topics
-        kept = {
+        late_joiners = {
             topic: one
             for topic in self._topics
             if (one := late_joiner(topic, topics[topic].msgtype, topics[topic].offered_qos))
         }
         begin_ns = self._bag.start_ns
-        if not kept or begin_ns is None or begin_ns >= start_ns:
+        if not late_joiners or begin_ns is None or begin_ns >= start_ns:
             return
         for topic, _, publish_time_ns, data, sequence in self._bag.messages(
-            list(kept), None, start_ns
+            list(late_joiners), None, start_ns
         ):
-            kept[topic].keep(LatchedMessage(data, publish_time_ns, sequence))
-        for topic, latched in kept.items():
+            late_joiners[topic].keep(LatchedMessage(data, publish_time_ns, sequence))
+        for topic, latched in late_joiners.items():
             for data, publish_time_ns, sequence in latched.kept:
                 yield BagMessage(topic, start_ns, publish_time_ns, data, sequence)
 

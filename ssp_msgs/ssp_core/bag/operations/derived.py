@@ -44,6 +44,6 @@ def begin_derived(
         if name in but:
             continue
         msgtype = (types or {}).get(name, info.msgtype)
-        written = source.definition(name) if msgtype == info.msgtype else None
+        definition = source.definition(name) if msgtype == info.msgtype else None
         qos, latched = usable_qos(info.offered_qos), is_latched(info.offered_qos)
-        writer.add_topic(name, msgtype, qos, written=written, latched=latched)
+        writer.add_topic(name, msgtype, qos, written=definition, latched=latched)

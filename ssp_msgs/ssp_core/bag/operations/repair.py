@@ -190,29 +190,32 @@ class _NewBag:
             if repeated and static.says(data):
                 return
             static.keep(LatchedMessage(data, message.publish_time, message.sequence))
-        elif (kept := self._latched.get(topic)) is not None:
+        elif (keys := self._latched.get(topic)) is not None:
             key = (message.publish_time, message.sequence, len(data), crc32(data))
-            if repeated and key in kept:
+            if repeated and key in keys:
                 return
-            kept.append(key)
+            keys.append(key)
         self.writer.write(topic, data, message.log_time, message.publish_time, message.sequence)
         self.messages[topic] += 1
 
     def _announce(self, channel: Channel, schema: Schema) -> None:
-        topic, written = channel.topic, type_definition(schema, channel)
-        known = self._types.get(topic)
-        if known is None:
+        topic, definition = channel.topic, type_definition(schema, channel)
+        earlier_definition = self._types.get(topic)
+        if earlier_definition is None:
             offered = usable_qos(channel.metadata.get("offered_qos_profiles", ""))
             latched = is_latched(offered) or REPEATED_KEY in channel.metadata
-            self.writer.add_topic(topic, schema.name, offered, written=written, latched=latched)
-            self._types[topic] = written
+            self.writer.add_topic(topic, schema.name, offered, written=definition, latched=latched)
+            self._types[topic] = definition
             if is_static(topic, schema.name):
                 self._static[topic] = StaticTransforms()
             elif latched:
                 self._latched[topic] = deque(maxlen=MOST_KEPT)
-        elif known.msgtype != written.msgtype:
+        elif earlier_definition.msgtype != definition.msgtype:
             raise ValueError(f"{topic} has messages of two types")
-        elif (known.encoding, known.text) != (written.encoding, written.text):
+        elif (earlier_definition.encoding, earlier_definition.text) != (
+            definition.encoding,
+            definition.text,
+        ):
             raise ValueError(f"{topic} has messages of two definitions of {schema.name}")
 
 
@@ -282,12 +285,14 @@ class _DamagedFile:
         """Find where to go on behind a damaged place; the file's size where nothing follows."""
         if self._indexed:
             place = bisect_right(self._indexed, offset)
-            found = self._indexed[place] if place < len(self._indexed) else None
+            next_offset = self._indexed[place] if place < len(self._indexed) else None
         else:
-            found = next(self._chunks(offset), None)
-        then = "found no record behind it" if found is None else f"went on at byte {found}"
+            next_offset = next(self._chunks(offset), None)
+        then = (
+            "found no record behind it" if next_offset is None else f"went on at byte {next_offset}"
+        )
         self._note(f"damaged at byte {offset}: {why}; {then}")
-        return self._stream.size if found is None else found
+        return self._stream.size if next_offset is None else next_offset
 
     def _chunks(self, damaged: int) -> Iterator[int]:
         """Yield offsets behind a damaged place of what looks like a chunk and has a right CRC."""
@@ -299,9 +304,9 @@ class _DamagedFile:
         for at in range(damaged + 1, stream.size, _PIECE):
             stream.seek(at)
             piece = stream.read(_PIECE + _CHUNK_BEGIN_BYTES)
-            for found in _CHUNK_BEGIN.finditer(piece):
-                offset = at + found.start()
-                if found.start() < _PIECE and self._is_sound_chunk(offset):
+            for match in _CHUNK_BEGIN.finditer(piece):
+                offset = at + match.start()
+                if match.start() < _PIECE and self._is_sound_chunk(offset):
                     yield offset
 
     def _is_sound_chunk(self, offset: int) -> bool:
@@ -357,8 +362,8 @@ class _DamagedFile:
             self._names.add(opcode, body)
         elif opcode == Opcode.MESSAGE:
             message = parse_message(body)
-            known = self._names.channels.get(message.channel_id)
-            type_ = self._names.schemas.get(known.schema_id) if known is not None else None
-            if known is None or type_ is None:
+            channel = self._names.channels.get(message.channel_id)
+            type_ = self._names.schemas.get(channel.schema_id) if channel is not None else None
+            if channel is None or type_ is None:
                 raise ValueError(f"topic or type of channel {message.channel_id} is not known")
-            self._into.add(message, known, type_)
+            self._into.add(message, channel, type_)

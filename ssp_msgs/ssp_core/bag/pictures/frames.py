@@ -175,13 +175,13 @@ def keyframe_before(bag: BagReader, topic: str, time_ns: int) -> int | None:
     stop_ns, span_ns = time_ns + 1, NS_PER_S
     while stop_ns > begin_ns:
         start_ns = max(begin_ns, stop_ns - span_ns)
-        found = None
+        keyframe_ns = None
         for message in bag.messages([topic], start_ns, stop_ns):
             image = _image(bag, VIDEO_TYPE, message, lambda _, __: None)
             if image is not None and is_keyframe(image.data, image.format):
-                found = message.log_time_ns
-        if found is not None:
-            return found
+                keyframe_ns = message.log_time_ns
+        if keyframe_ns is not None:
+            return keyframe_ns
         stop_ns, span_ns = start_ns, 2 * span_ns
     return None
 

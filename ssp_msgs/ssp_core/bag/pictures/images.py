@@ -154,8 +154,8 @@ def _demosaicked(mosaic: NDArray[np.uint8], encoding: str) -> Bgr:
 def _raw(encoding: str, layout: RawLayout, data: memoryview) -> Bgr:
     channels = 1 if encoding in _BAYER else _CHANNELS.get(encoding)
     if channels is None:
-        known = ", ".join((*_CHANNELS, *_BAYER))
-        raise ValueError(f"pixels as {encoding!r}; {known} are read here")
+        encodings = ", ".join((*_CHANNELS, *_BAYER))
+        raise ValueError(f"pixels as {encoding!r}; {encodings} are read here")
     row_bytes = layout.width_px * channels
     pixels = layout.width_px * layout.height_px
     if not 0 < pixels <= MAX_PIXELS or layout.step_bytes < row_bytes:

@@ -138,19 +138,19 @@ def _libjpeg_warnings() -> Iterator[list[bytes]]:
     Raises:
         OSError: there is no standard error.
     """
-    found: list[bytes] = []
+    warnings: list[bytes] = []
     before = os.dup(2)
     caught = os.memfd_create("libjpeg")
     try:
         os.dup2(caught, 2)
         try:
-            yield found
+            yield warnings
         finally:
             os.dup2(before, 2)
         if size := os.lseek(caught, 0, os.SEEK_END):
-            written = os.pread(caught, size, 0)
-            found += _WARNING.findall(written)
-            os.write(2, _WARNING.sub(b"", written))
+            output = os.pread(caught, size, 0)
+            warnings += _WARNING.findall(output)
+            os.write(2, _WARNING.sub(b"", output))
     finally:
         os.close(before)
         os.close(caught)
@@ -197,8 +197,8 @@ class JpegChecker:
             is_heard, picture = False, _decoded(data)
         damage = [w for w in warnings if not _is_left_over(w, data, scan)]
         if damage:
-            said = damage[0].decode(errors="replace").strip()
-            raise ValueError(f"a JPEG of which a part is missing or damaged ({said})")
+            warning = damage[0].decode(errors="replace").strip()
+            raise ValueError(f"a JPEG of which a part is missing or damaged ({warning})")
         if picture is None or is_progressive or not is_heard:
             self._strict(data, is_known=picture is not None)
         if picture is None:

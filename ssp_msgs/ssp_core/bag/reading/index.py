@@ -67,11 +67,11 @@ def indexed_entries(region: bytes, index: ChunkIndex, channels: Collection[int])
         at = offset - first
         if not 0 <= at <= len(region) - INDEX_HEAD.size:
             raise ValueError("a message index lies outside its place")
-        opcode, length, found, size = INDEX_HEAD.unpack_from(region, at)
+        opcode, length, channel_id, size = INDEX_HEAD.unpack_from(region, at)
         begin = at + INDEX_HEAD.size
         if (
             opcode != Opcode.MESSAGE_INDEX
-            or found != channel
+            or channel_id != channel
             or length != size + 6
             or size % INDEX_ENTRY_BYTES
             or size > len(region) - begin
@@ -194,13 +194,13 @@ class ChunkRun:
     """
 
     def __init__(
-        self, file: McapFile, index: ChunkIndex, wanted: Selection, cache: ContentCache
+        self, file: McapFile, index: ChunkIndex, selection: Selection, cache: ContentCache
     ) -> None:
         self.path = file.path
         self.start_ns = index.message_start_time
         self._file = file
         self._index = index
-        self._wanted = wanted
+        self._wanted = selection
         self._cache = cache
 
     def entries(self) -> Iterator[Entry]:

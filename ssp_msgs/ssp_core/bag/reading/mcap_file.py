@@ -303,8 +303,8 @@ class _Fields(ReadDataStream):
 
 def parse_record(kind: type[Record], body: memoryview) -> Record:
     """Return a schema or channel; raise ValueError for a wrong length or text other than UTF-8."""
-    found: Record = kind.read(_Fields(io.BytesIO(body)))
-    return found
+    record: Record = kind.read(_Fields(io.BytesIO(body)))
+    return record
 
 
 class Names:

@@ -81,17 +81,17 @@ class Part(McapFile):
             for number, channel in self.channels.items()
             if topics is None or channel.topic in topics
         }
-        wanted = Selection(channels, start_ns, stop_ns)
+        selection = Selection(channels, start_ns, stop_ns)
         unpacked = sum(index.uncompressed_size for index in self.chunks)
         cache = ContentCache(UnpackBudget(unpacked, ratio=MAX_REREADS))
         runs: list[Run] = [
-            ChunkRun(self, index, wanted, cache)
+            ChunkRun(self, index, selection, cache)
             for index in self.chunks
-            if wanted.overlaps(index.message_start_time, index.message_end_time)
+            if selection.overlaps(index.message_start_time, index.message_end_time)
             and not channels.keys().isdisjoint(index.message_index_offsets)
         ]
         if self._loose.times_ns:
-            runs.append(LooseRun(self.path, self._loose, wanted))
+            runs.append(LooseRun(self.path, self._loose, selection))
         return runs
 
 
@@ -193,10 +193,10 @@ class BagReader(Closing):
                     field=channel.topic,
                     remedy="record the bag again, with the types of its topics",
                 )
-            written = type_definition(schema, channel)
+            definition = type_definition(schema, channel)
             before = self.topics.get(channel.topic)
-            known = self._definitions.setdefault(channel.topic, written)
-            if (difference := _difference(known, written)) is not None:
+            first_definition = self._definitions.setdefault(channel.topic, definition)
+            if (difference := _difference(first_definition, definition)) is not None:
                 self._ambiguous[channel.topic] = InputError(
                     f"has messages of {difference}",
                     file=part.path,
@@ -204,10 +204,10 @@ class BagReader(Closing):
                     remedy="cut the bag, so that each topic has one type",
                 )
             self.topics[channel.topic] = TopicInfo(
-                msgtype=known.msgtype,
+                msgtype=first_definition.msgtype,
                 count=(before.count if before else 0) + part.counts[channel.id],
                 offered_qos=channel.metadata.get("offered_qos_profiles", ""),
-                type_hash=written.type_hash,
+                type_hash=definition.type_hash,
             )
 
     @property
@@ -252,8 +252,10 @@ class BagReader(Closing):
         """
         if start_ns is not None and stop_ns is not None and stop_ns < start_ns:
             raise ValueError(f"stop_ns {stop_ns} lies before start_ns {start_ns}")
-        wanted = None if topics is None else frozenset(topics)
-        return merged(run for part in self._parts for run in part.runs(wanted, start_ns, stop_ns))
+        topic_names = None if topics is None else frozenset(topics)
+        return merged(
+            run for part in self._parts for run in part.runs(topic_names, start_ns, stop_ns)
+        )
 
     def definition(self, topic: str) -> TypeDefinition:
         """Return the bag's definition of the type of one of its topics; KeyError for another topic.
@@ -270,13 +272,13 @@ class BagReader(Closing):
 
         The rest of the bag doesn't suffer from it.
         """
-        found = {}
+        errors = {}
         for topic in self.topics:
             try:
                 self.store(topic)
             except InputError as error:
-                found[topic] = error
-        return found
+                errors[topic] = error
+        return errors
 
     def store(self, topic: str) -> Typestore:
         """Return the types of one topic as the bag defines them; KeyError for another topic.
@@ -284,9 +286,9 @@ class BagReader(Closing):
         Raises:
             InputError: the definition can't be used.
         """
-        written = self.definition(topic)
+        definition = self.definition(topic)
         try:
-            return store_from(written)
+            return store_from(definition)
         except InputError as error:
             raise error.in_file(self.path) from None
 
@@ -299,13 +301,13 @@ class BagReader(Closing):
             InputError: the bytes don't fit the type, or its definition can't be used.
             KeyError: the topic is not in this bag.
         """
-        written = self.definition(message.topic)
+        definition = self.definition(message.topic)
         store = self.store(message.topic)
         try:
-            return store.deserialize_cdr(message.data, written.msgtype)
+            return store.deserialize_cdr(message.data, definition.msgtype)
         except (SerdeError, *DAMAGE) as error:
             raise InputError(
-                f"holds a message at {message.log_time_ns} ns that is no {written.msgtype}: "
+                f"holds a message at {message.log_time_ns} ns that is no {definition.msgtype}: "
                 f"{error}",
                 file=self.path,
                 field=message.topic,
@@ -362,13 +364,13 @@ def object_states(bag: BagReader, ids: Iterable[str]) -> dict[str, Packed[Object
         InputError: a message is damaged, or holds a number that stands for nothing.
     """
     topics = {absolute(state_topic(name)): name for name in ids}
-    found = {name: Packed(ObjectState) for name in topics.values()}
+    states = {name: Packed(ObjectState) for name in topics.values()}
     for message in bag.messages([*topics, _ARRAYS]):
         for state in _states(bag, message):
             name = topics.get(message.topic, state.object_id)
-            if name in found:
-                found[name].append(state)
-    return found
+            if name in states:
+                states[name].append(state)
+    return states
 
 
 def _states(bag: BagReader, message: BagMessage) -> Iterator[ObjectState]:
@@ -402,10 +404,10 @@ def files_sha256(files: Iterable[Path], on_block: Callable[[], None] = lambda: N
     Raises:
         InputError: one can't be read.
     """
-    found = []
+    hashes = []
     for file in files:
         try:
-            found.append(sha256_file(file, on_block))
+            hashes.append(sha256_file(file, on_block))
         except OSError as error:
             raise not_read(file, error) from error
-    return found[0] if len(found) == 1 else sha256_json(found)
+    return hashes[0] if len(hashes) == 1 else sha256_json(hashes)

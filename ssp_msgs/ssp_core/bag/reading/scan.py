@@ -60,53 +60,53 @@ class Loose:
     offsets: array[int] = field(default_factory=lambda: array("Q"))
     channels: array[int] = field(default_factory=lambda: array("H"))
 
-    def entries(self, wanted: Selection) -> Iterator[Entry]:
+    def entries(self, selection: Selection) -> Iterator[Entry]:
         """Log time and offset in the file, in order of both."""
         times = np.frombuffer(self.times_ns, dtype=np.uint64)
-        chosen = np.isin(np.frombuffer(self.channels, dtype=np.uint16), list(wanted.topics))
-        if wanted.start_ns is not None:
-            chosen &= times >= max(0, wanted.start_ns)
-        if wanted.stop_ns is not None:
-            chosen &= times < max(0, wanted.stop_ns)
-        which = np.flatnonzero(chosen)
+        mask = np.isin(np.frombuffer(self.channels, dtype=np.uint16), list(selection.topics))
+        if selection.start_ns is not None:
+            mask &= times >= max(0, selection.start_ns)
+        if selection.stop_ns is not None:
+            mask &= times < max(0, selection.stop_ns)
+        which = np.flatnonzero(mask)
         for at in which[np.argsort(times[which], kind="stable")]:
             yield self.times_ns[at], self.offsets[at]
 
 
-def scan(stream: BoundedFile, given: Summary) -> tuple[Summary, Loose]:
+def scan(stream: BoundedFile, own_summary: Summary) -> tuple[Summary, Loose]:
     """Go through a file from its beginning to the end of its data.
 
     Args:
         stream: the open file.
-        given: the file's own summary; what it says of types, topics and counts stays.
+        own_summary: of the file; what it says of types, topics and counts stays.
 
     Raises:
         ValueError: the file is cut off or damaged; the message names the record.
     """
     if data_crc(stream) is False:
         raise ValueError("the CRC of the data is wrong")
-    found = _Scan(stream, given)
+    scanner = _Scan(stream, own_summary)
     offset = len(MCAP0_MAGIC)
     while True:
         try:
             frame = read_frame(stream, offset)
             if frame.opcode == Opcode.DATA_END:
                 break
-            found.record(frame)
+            scanner.record(frame)
         except ValueError as error:
             raise ValueError(f"record at byte {offset}: {error}") from error
         offset = frame.end
-    summary = found.summary()
+    summary = scanner.summary()
     check_summary(summary, offset, stream.size)
-    return summary, found.loose
+    return summary, scanner.loose
 
 
 class _Scan:
-    def __init__(self, stream: BoundedFile, given: Summary) -> None:
+    def __init__(self, stream: BoundedFile, own_summary: Summary) -> None:
         self.loose = Loose()
         self._stream = stream
-        self._given = given
-        self._names = Names(given)
+        self._given = own_summary
+        self._names = Names(own_summary)
         self._budget = UnpackBudget(stream.size)
         self._chunks: list[ChunkIndex] = []
         self._attachments: list[AttachmentIndex] = []
@@ -176,40 +176,42 @@ class _Scan:
 
     def summary(self) -> Summary:
         """Return the findings as the file could have stated them."""
-        made = Summary()
-        made.schemas, made.channels = self._names.schemas, self._names.channels
-        made.chunk_indexes, made.attachment_indexes = self._chunks, self._attachments
+        findings = Summary()
+        findings.schemas, findings.channels = self._names.schemas, self._names.channels
+        findings.chunk_indexes, findings.attachment_indexes = self._chunks, self._attachments
         counts = self._counts + Counter(self.loose.channels)
-        for number in sorted(counts.keys() - made.channels.keys()):
+        for number in sorted(counts.keys() - findings.channels.keys()):
             raise ValueError(f"channel {number} has messages and no topic")
-        given = self._given.statistics
-        if given and (given.channel_message_counts or not given.message_count):
-            made.statistics = given
-            return made
+        own_statistics = self._given.statistics
+        if own_statistics and (
+            own_statistics.channel_message_counts or not own_statistics.message_count
+        ):
+            findings.statistics = own_statistics
+            return findings
         loose = self.loose.times_ns
         times = self._times + ([min(loose), max(loose)] if loose else [])
-        made.statistics = Statistics(
+        findings.statistics = Statistics(
             attachment_count=len(self._attachments),
-            channel_count=len(made.channels),
+            channel_count=len(findings.channels),
             channel_message_counts=dict(counts),
             chunk_count=len(self._chunks),
             message_count=counts.total(),
             message_end_time=max(times, default=0),
             message_start_time=min(times, default=0),
             metadata_count=0,
-            schema_count=len(made.schemas),
+            schema_count=len(findings.schemas),
         )
-        return made
+        return findings
 
 
 class LooseRun:
     """The messages of a file that stand outside chunks."""
 
-    def __init__(self, path: Path, loose: Loose, wanted: Selection) -> None:
+    def __init__(self, path: Path, loose: Loose, selection: Selection) -> None:
         self.path = path
         self.start_ns = min(loose.times_ns)
         self._loose = loose
-        self._wanted = wanted
+        self._wanted = selection
         self._stream: BoundedFile | None = None
 
     def entries(self) -> Iterator[Entry]:

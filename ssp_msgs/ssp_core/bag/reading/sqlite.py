@@ -30,22 +30,22 @@ def open_bag(path: Path) -> BagReader:
         return SqliteBag(path, (path,))
     if path.is_dir():
         if (path / FILE_NAME).is_file():
-            told = read_mapping(path / FILE_NAME).get(ROOT_KEY)
-            if isinstance(told, dict) and told.get("storage_identifier") == "sqlite3":
-                return SqliteBag(path, _files(path, told))
+            information = read_mapping(path / FILE_NAME).get(ROOT_KEY)
+            if isinstance(information, dict) and information.get("storage_identifier") == "sqlite3":
+                return SqliteBag(path, _files(path, information))
         elif not any(path.glob("*.mcap")) and (files := numbered_files(path, SUFFIX)):
             # Its recorder ended before it wrote metadata.yaml; the files are whole all the same.
             return SqliteBag(path, files)
     return BagReader(path)
 
 
-def _files(folder: Path, told: dict[str, Any]) -> tuple[Path, ...]:
+def _files(folder: Path, information: dict[str, Any]) -> tuple[Path, ...]:
     """Return the bag's files in order.
 
     Raises:
         InputError: metadata.yaml names none, or they are compressed.
     """
-    names = told.get("relative_file_paths")
+    names = information.get("relative_file_paths")
     if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
         raise InputError(
             "must list the bag's files",
@@ -65,12 +65,12 @@ def _files(folder: Path, told: dict[str, Any]) -> tuple[Path, ...]:
     return files
 
 
-def _known(found: TypeDefinition) -> TypeDefinition:
+def _known_definition(empty_definition: TypeDefinition) -> TypeDefinition:
     """Return the definition of a type that the file doesn't define, where it is known."""
     try:
-        return definition(found.msgtype)
+        return definition(empty_definition.msgtype)
     except InputError:
-        return found
+        return empty_definition
 
 
 class SqliteBag(BagReader):
@@ -115,9 +115,9 @@ class SqliteBag(BagReader):
         """Take the topics of a file."""
         columns = {row[1] for row in store.execute("PRAGMA table_info(topics)")}
         tables = {row[0] for row in store.execute("SELECT name FROM sqlite_master")}
-        written: dict[str, Row] = {}
+        definition_rows: dict[str, Row] = {}
         if "message_definitions" in tables:
-            written = {
+            definition_rows = {
                 row[0]: row
                 for row in store.execute(
                     "SELECT topic_type, encoding, encoded_message_definition "
@@ -125,18 +125,22 @@ class SqliteBag(BagReader):
                 )
             }
         # Which rosbag2 added one after the other.
-        wanted = ("serialization_format", "offered_qos_profiles", "type_description_hash")
-        chosen = ", ".join(name if name in columns else "''" for name in wanted)
+        column_names = ("serialization_format", "offered_qos_profiles", "type_description_hash")
+        expressions = ", ".join(name if name in columns else "''" for name in column_names)
         counts = dict(store.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
         for number, name, kind, form, profiles, hashed in store.execute(
-            f"SELECT id, name, type, {chosen} FROM topics"
+            f"SELECT id, name, type, {expressions} FROM topics"
         ):
             before = self.topics.get(name)
             count = counts.get(number, 0) + (before.count if before else 0)
             self.topics[name] = TopicInfo(kind, count, profiles, hashed)
-            _, encoding, text = written.get(kind, (kind, "", ""))
-            found = TypeDefinition(kind, encoding or MSG_ENCODING, text, hashed, form or CDR)
-            self._definitions[name] = found if text.strip() else _known(found)
+            _, encoding, text = definition_rows.get(kind, (kind, "", ""))
+            type_definition = TypeDefinition(
+                kind, encoding or MSG_ENCODING, text, hashed, form or CDR
+            )
+            self._definitions[name] = (
+                type_definition if text.strip() else _known_definition(type_definition)
+            )
         first, last = store.execute(
             "SELECT MIN(timestamp), MAX(timestamp) FROM messages"
         ).fetchone()
@@ -173,8 +177,10 @@ class SqliteBag(BagReader):
         stop_ns: int | None,
     ) -> Iterator[BagMessage]:
         with self._failures(self.path):
-            known = dict(store.execute("SELECT id, name FROM topics"))
-            numbers = [int(k) for k, name in known.items() if topics is None or name in topics]
+            topic_names = dict(store.execute("SELECT id, name FROM topics"))
+            numbers = [
+                int(k) for k, name in topic_names.items() if topics is None or name in topics
+            ]
             rows = store.execute(
                 "SELECT topic_id, timestamp, data FROM messages "
                 f"WHERE topic_id IN ({', '.join(map(str, numbers))}) "
@@ -182,7 +188,7 @@ class SqliteBag(BagReader):
                 (start_ns or 0, 2**63 - 1 if stop_ns is None else stop_ns),
             )
             for number, at_ns, data in rows:
-                yield BagMessage(known[number], at_ns, at_ns, data, 0)
+                yield BagMessage(topic_names[number], at_ns, at_ns, data, 0)
 
     def close(self) -> None:
         """End the reading."""

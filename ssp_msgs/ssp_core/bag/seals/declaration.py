@@ -79,13 +79,13 @@ def load_declaration(file: Path, run: RunSpec) -> Declaration:
     Raises:
         InputError: it can't be read, is sealed already, or doesn't fit the run.
     """
-    found = load_model(Declaration, file)
-    if found.seal is not None:
+    declaration = load_model(Declaration, file)
+    if declaration.seal is not None:
         raise InputError(
             "is sealed already",
             file=file,
             field="seal",
-            value=found.seal,
+            value=declaration.seal,
             remedy="give the file that was written by hand",
         )
     if run.mode != "live":
@@ -96,16 +96,16 @@ def load_declaration(file: Path, run: RunSpec) -> Declaration:
             value=run.mode,
             remedy="leave --declared out",
         )
-    wanted = declaring(run)
-    for who in found.participants:
-        if who not in wanted:
+    participants = declaring(run)
+    for who in declaration.participants:
+        if who not in participants:
             raise InputError(
                 "takes no part in this session",
                 file=file,
                 field=f"participants.{who}",
-                remedy=f"its participants are {', '.join(wanted)}",
+                remedy=f"its participants are {', '.join(participants)}",
             )
-    return found
+    return declaration
 
 
 def day_of(bag: BagReader) -> date | None:
@@ -159,25 +159,25 @@ def read_declaration(folder: Path, bag_sha256: str) -> Declaration | None:
     file = folder / DECLARATION_FILE
     if not file.is_file():
         return None
-    found = load_model(Declaration, file)
-    if found.seal != found.content_sha256:
+    declaration = load_model(Declaration, file)
+    if declaration.seal != declaration.content_sha256:
         raise InputError(
-            f"was changed after {found.who} sealed it",
+            f"was changed after {declaration.who} sealed it",
             file=file,
             field="seal",
-            value=found.seal,
+            value=declaration.seal,
             remedy="remove it, and declare anew with `ssp audit declare`",
         )
-    if bag_sha256 and found.bag_sha256 != bag_sha256:
+    if bag_sha256 and declaration.bag_sha256 != bag_sha256:
         raise InputError(
             f"is of another bag, or of an earlier state of this one, which has the hash "
             f"{bag_sha256}",
             file=file,
             field="bag_sha256",
-            value=found.bag_sha256,
+            value=declaration.bag_sha256,
             remedy="remove it, and declare anew with `ssp audit declare`",
         )
-    return found
+    return declaration
 
 
 def participation_of(
@@ -200,8 +200,8 @@ def participation_of(
     topics = {absolute(declared_topic(who)): who for who in declared}
     for message in bag.messages([topic for topic in topics if topic in bag.topics]):
         declared[topics[message.topic]].append(str(bag.decode(message).data))
-    written = written_topics(bag)
-    lost = [who for topic, who in topics.items() if topic in written and not declared[who]]
+    bag_topics = written_topics(bag)
+    lost = [who for topic, who in topics.items() if topic in bag_topics and not declared[who]]
     word = None
     if bag_sha256 is not None and folder.is_dir():
         word = read_declaration(folder, bag_sha256)
@@ -237,16 +237,16 @@ def check_result(run: RunSpec, part: Participation, folder: Path) -> None:
     Raises:
         InputError: it says something else.
     """
-    told = result_beside(folder)
-    if told.get("participants") is None:
+    run_result = result_beside(folder)
+    if run_result.get("participants") is None:
         return
     by_itself = replace(part, word={}, said_by="")
     allowed = [stands_in(run, one) for one in (part, by_itself)]
-    if told.get("stand_in") not in allowed:
+    if run_result.get("stand_in") not in allowed:
         raise InputError(
             f"says another thing than its bag: {part.text}",
             file=folder.parent / RESULT_FILE,
             field="stand_in",
-            value=told.get("stand_in"),
+            value=run_result.get("stand_in"),
             remedy="restore bag and result as the run left them",
         )

@@ -180,13 +180,13 @@ def files_seal(files: Sequence[Path], *, whole: bool) -> Seal:
     Raises:
         InputError: a file can't be read.
     """
-    found = _Walk(whole)
+    walk = _Walk(whole)
     for number, file in enumerate(files):
-        if not found.file(file, number, last=number + 1 == len(files)):
+        if not walk.file(file, number, last=number + 1 == len(files)):
             break
-    if found.maker is None and not (found.altered or found.damaged):
-        found.altered = _missing_seal(files)
-    return found.seal()
+    if walk.maker is None and not (walk.altered or walk.damaged):
+        walk.altered = _missing_seal(files)
+    return walk.seal()
 
 
 def _missing_seal(files: Sequence[Path]) -> str:
@@ -389,9 +389,9 @@ class _FileWalk:
         if len(body) < frame.length:
             raise ValueError("it became shorter meanwhile")
         head = self._read(frame.offset, HEAD.size)
-        wanted, self._before = self._before, None
+        chunk_seal, self._before = self._before, None
         place = f"chunk {self._number + 1} of {self._name}"
-        if wanted is None:
+        if chunk_seal is None:
             self.is_wrong(f"{place} has no seal")
             return False
         try:
@@ -399,7 +399,7 @@ class _FileWalk:
         except ValueError as error:
             self._into.damaged = f"{place}: {error}"
             return False
-        number, digest = wanted
+        number, digest = chunk_seal
         if number != self._number + 1:
             missing = f"; {place} is missing" if number > self._number + 1 else ""
             self.is_wrong(f"chunk {number} of {self._name} stands where {place} was{missing}")
@@ -429,13 +429,13 @@ class _FileWalk:
         self._budget.take(parts.unpacked_bytes)
         content = unpack_chunk(parts)  # The checksum vouches for what the chain leaves out.
         chain.take([head, body[: len(body) - len(content)]])
-        taken = 0
+        begin = 0
         for record in inner_records(content):
             if len(record.body) - MESSAGE_BODY_BYTES > LARGE_BYTES:
                 data_at = record.offset + HEAD.size + MESSAGE_BODY_BYTES
-                chain.take_whole(content[taken:data_at])
-                taken = record.offset + HEAD.size + len(record.body)
-        chain.take_whole(content[taken:])
+                chain.take_whole(content[begin:data_at])
+                begin = record.offset + HEAD.size + len(record.body)
+        chain.take_whole(content[begin:])
 
     def _closing(self, values: dict[str, str], frame: RecordFrame) -> Ending | None:
         try:
@@ -472,21 +472,21 @@ class _FileWalk:
             return None
         try:
             body = bytes(read_body(self._stream, frame))
-            found: Metadata = Metadata.read(ReadDataStream(io.BytesIO(body)))
+            record: Metadata = Metadata.read(ReadDataStream(io.BytesIO(body)))
         except DAMAGE:
             return None
-        return found
+        return record
 
     def _values(self, frame: RecordFrame) -> dict[str, str] | None:
         """Read the values of a seal; None for another record."""
-        found = self._metadata(frame)
-        return found.metadata if found is not None and found.name == SEAL_NAME else None
+        record = self._metadata(frame)
+        return record.metadata if record is not None and record.name == SEAL_NAME else None
 
     def _source(self, frame: RecordFrame) -> Source | None:
-        found = self._metadata(frame)
-        if found is None or found.name != SOURCE_NAME:
+        record = self._metadata(frame)
+        if record is None or record.name != SOURCE_NAME:
             return None
-        return Source.parse(found.metadata)
+        return Source.parse(record.metadata)
 
     def _read(self, offset: int, length: int) -> bytes:
         self._stream.seek(offset)

@@ -81,31 +81,31 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
     data, inside = file.read_bytes(), bag.attachment(VERDICT_FILE)
     place = f"{bag.path}:{VERDICT_FILE}"
     if inside is not None and data != inside:
-        beside, kept = parse_verdict(data, file), parse_verdict(inside, place)
-        difference = f"the verdict in the bag is {kept.text}"
-        if beside == kept:
+        beside, inner_verdict = parse_verdict(data, file), parse_verdict(inside, place)
+        difference = f"the verdict in the bag is {inner_verdict.text}"
+        if beside == inner_verdict:
             difference = "the verdict in the bag differs in other words"
         raise InputError(
             f"says {beside.text}; {difference}",
             file=file,
             remedy="restore the file as the run left it",
         )
-    told = parse_verdict(data, file)
-    _check_result_verdict(result, told, folder)
-    named = parse_mapping(data, str(file)).get("seal")
+    verdict = parse_verdict(data, file)
+    _check_result_verdict(result, verdict, folder)
+    verdict_seal = parse_mapping(data, str(file)).get("seal")
     ends = (*seal.ends, *(end for source in seal.sources for end in source.ends))
-    if named and named not in ends:
+    if verdict_seal and verdict_seal not in ends:
         raise InputError(
             "is of another recording: it names a seal that this bag doesn't have",
             file=file,
             field="seal",
-            value=named,
+            value=verdict_seal,
             remedy="restore the bag as the run left it",
         )
     if inside is not None:
         return ""
     broken = next((one for one in seal.sources if one.is_damaged or one.is_unclosed), None)
-    if broken is not None and told.verdict is Verdict.VALID:
+    if broken is not None and verdict.verdict is Verdict.VALID:
         raise InputError(
             f"says valid, the bag holds no verdict, and it was made of {broken.name}, "
             f"{broken.state}: no runner calls such a recording valid",
@@ -119,32 +119,32 @@ def result_beside(folder: Path) -> dict[str, Any]:
     """Read the result of the run that left a bag; empty where none lies there, or another's."""
     file = folder.parent / RESULT_FILE
     try:
-        found = parse_mapping(file.read_bytes(), str(file)) if file.is_file() else {}
+        run_result = parse_mapping(file.read_bytes(), str(file)) if file.is_file() else {}
     except (InputError, OSError):
         return {}
-    ours = found.get("schema") == RESULT_SCHEMA and found.get("bag") == folder.name
-    return found if ours else {}
+    ours = run_result.get("schema") == RESULT_SCHEMA and run_result.get("bag") == folder.name
+    return run_result if ours else {}
 
 
 def _check_result_seal(result: dict[str, Any], seal: Seal, folder: Path) -> None:
-    named = result.get("seal")
-    if named and named != seal.end:
+    result_seal = result.get("seal")
+    if result_seal and result_seal != seal.end:
         raise InputError(
             f"names another seal than its bag has, {seal.end or 'which has none'}",
             file=folder.parent / RESULT_FILE,
             field="seal",
-            value=named,
+            value=result_seal,
             remedy="restore bag and result as the run left them",
         )
 
 
-def _check_result_verdict(result: dict[str, Any], told: RecordedVerdict, folder: Path) -> None:
-    named = result.get("verdict")
-    if named is not None and named != told.verdict.name.lower():
+def _check_result_verdict(result: dict[str, Any], verdict: RecordedVerdict, folder: Path) -> None:
+    result_verdict = result.get("verdict")
+    if result_verdict is not None and result_verdict != verdict.verdict.name.lower():
         raise InputError(
-            f"says another verdict than its bag, {told.text}",
+            f"says another verdict than its bag, {verdict.text}",
             file=folder.parent / RESULT_FILE,
             field="verdict",
-            value=named,
+            value=result_verdict,
             remedy="restore bag and result as the run left them",
         )

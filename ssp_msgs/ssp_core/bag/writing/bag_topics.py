@@ -60,7 +60,7 @@ class BagTopics:
         topic: str,
         msgtype: str,
         offered_qos: str,
-        written: TypeDefinition | None,
+        type_definition: TypeDefinition | None,
         *,
         latched: bool,
     ) -> tuple[Channel, Schema | None]:
@@ -75,22 +75,27 @@ class BagTopics:
             ValueError: the topic was added before, or the QoS is no complete YAML list.
         """
         parse_offered_qos(offered_qos)
-        written = written or definition(msgtype)
+        type_definition = type_definition or definition(msgtype)
         if topic in self.by_name:
             raise ValueError(f"topic {topic} was added before")
-        known = self._schemas.get(written)
-        if not written.msgtype:
-            known = Schema(0, b"", "", "")  # MCAP's way to say that a topic has no type
-        if known is None and len(self._schemas) == _MAX_IDS:
+        known_schema = self._schemas.get(type_definition)
+        if not type_definition.msgtype:
+            known_schema = Schema(0, b"", "", "")  # MCAP's way to say that a topic has no type
+        if known_schema is None and len(self._schemas) == _MAX_IDS:
             raise TooMany("type")
-        schema = known or Schema(len(self._schemas) + 1, written.data, written.encoding, msgtype)
-        metadata = {"offered_qos_profiles": offered_qos, "topic_type_hash": written.type_hash}
-        channel = self._channel(topic, metadata, schema, written.message_encoding)
-        if known is None:
-            self._schemas[written] = schema
-        kept = late_joiner(topic, msgtype, offered_qos, latched=latched)
-        self.by_name[topic] = WrittenTopic(channel, schema, kept)
-        return channel, schema if known is None else None
+        schema = known_schema or Schema(
+            len(self._schemas) + 1, type_definition.data, type_definition.encoding, msgtype
+        )
+        metadata = {
+            "offered_qos_profiles": offered_qos,
+            "topic_type_hash": type_definition.type_hash,
+        }
+        channel = self._channel(topic, metadata, schema, type_definition.message_encoding)
+        if known_schema is None:
+            self._schemas[type_definition] = schema
+        joiner = late_joiner(topic, msgtype, offered_qos, latched=latched)
+        self.by_name[topic] = WrittenTopic(channel, schema, joiner)
+        return channel, schema if known_schema is None else None
 
     def repeats_of(self, topic: WrittenTopic) -> Channel:
         """Return the channel of a topic's repeated messages.

@@ -340,14 +340,14 @@ def write_buffers(descriptor: int, buffers: Sequence[Buffer], gathered: int = GA
     left = list(buffers)
     at = 0
     while at < len(left):
-        written = os.writev(descriptor, left[at : at + gathered])
-        if written == 0 and any(map(len, left[at : at + gathered])):
+        byte_count = os.writev(descriptor, left[at : at + gathered])
+        if byte_count == 0 and any(map(len, left[at : at + gathered])):
             raise OSError(0, "the system took no byte")
-        while at < len(left) and written >= len(left[at]):
-            written -= len(left[at])
+        while at < len(left) and byte_count >= len(left[at]):
+            byte_count -= len(left[at])
             at += 1
-        if written:
-            left[at] = memoryview(left[at])[written:]
+        if byte_count:
+            left[at] = memoryview(left[at])[byte_count:]
 
 
 class McapOutput:

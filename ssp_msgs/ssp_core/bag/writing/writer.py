@@ -239,10 +239,10 @@ class BagWriter(Closing):
             output.add_schema(schema)
         for topic in self._topics.by_name.values():
             output.add_channel(topic.channel)
-            if topic.latched is not None and (kept := list(topic.latched.kept)):
+            if topic.latched is not None and (messages := list(topic.latched.kept)):
                 repeats = self._repeats(topic)
                 output.add_channel(repeats)
-                for cdr, publish_time_ns, sequence in kept:
+                for cdr, publish_time_ns, sequence in messages:
                     output.chunk.add(repeats.id, sequence, begin_ns, publish_time_ns, cdr)
                     if output.chunk.size >= CHUNK_BYTES:
                         output.flush()

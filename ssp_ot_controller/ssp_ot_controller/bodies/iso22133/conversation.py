@@ -251,8 +251,10 @@ class Trajectories:
         first = next((r for r in references if r.purpose == approach.purpose), None)
         if first is None:
             return None
-        known, given = np.array(approach.columns), np.array(first.columns)
-        if known.shape != given.shape or not np.allclose(known, given, rtol=0.0, atol=1e-6):
+        approach_columns, reference_columns = np.array(approach.columns), np.array(first.columns)
+        if approach_columns.shape != reference_columns.shape or not np.allclose(
+            approach_columns, reference_columns, rtol=0.0, atol=1e-6
+        ):
             words = "is to drive another trajectory than it was armed with"
             return LimitViolation(SafetyCode.REFERENCE_REFUSED, 0.0, 0.0, words)
         self._sent.add((first.reference_id, first.execute_at_ns))
@@ -497,8 +499,8 @@ class Conversation:
             why = f"lost its control connection: {reported.problem or 'it broke for a moment'}"
             return LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0, why)
         phase = self._phase
-        found = fit(phase, reported.state)
-        if found is Fit.AGREES or phase in _EARLY or not reported.heard:
+        agreement = fit(phase, reported.state)
+        if agreement is Fit.AGREES or phase in _EARLY or not reported.heard:
             return None
         if self._over and reported.state in (C.POSTRUN, C.DISARMED):
             return None
@@ -510,10 +512,10 @@ class Conversation:
         lag_s = ns_to_seconds(now_ns - since_ns)
         patience_s = ARMING_S if phase is P.ARMED else LAG_S
         when = f"{patience_s:g} s after it {_ASKED.get(decided.state, _NOT_ASKED)}"
-        if found is Fit.CONTRADICTS and decided.state in (C.ARMED, C.RUNNING):
+        if agreement is Fit.CONTRADICTS and decided.state in (C.ARMED, C.RUNNING):
             # It has agreed before: no message under way explains it.
             patience_s = 0.0
             when = "while it is armed" if decided.state is C.ARMED else "while it is to run"
-        if lag_s <= patience_s or (found is Fit.COMES and phase is P.CONNECTED):
+        if lag_s <= patience_s or (agreement is Fit.COMES and phase is P.CONNECTED):
             return None
         return self._contradiction(when, patience_s)

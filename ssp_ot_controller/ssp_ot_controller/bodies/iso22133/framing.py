@@ -212,24 +212,24 @@ class StreamDecoder:
         return [*lost, *self._scan(1)]
 
     def _scan(self, at: int) -> list[Frame | RejectedBytes]:
-        found: list[Frame | RejectedBytes] = []
+        outcomes: list[Frame | RejectedBytes] = []
         buffer = self._buffer
         while True:
             start = self._next_sync(at)
             if start > at:
-                found += self._lose(Reason.SYNC, f"{start - at} bytes without a sync word", at)
+                outcomes += self._lose(Reason.SYNC, f"{start - at} bytes without a sync word", at)
                 self.skipped_bytes += start - at
                 at = start
             outcome = self._read(at)
             if outcome is None:
                 del buffer[:at]
-                return found
+                return outcomes
             if isinstance(outcome, Frame):
                 self._in_sync = True
-                found.append(outcome)
+                outcomes.append(outcome)
                 at += len(outcome.data)
             else:
-                found += self._lose(outcome.reason, outcome.text, at)
+                outcomes += self._lose(outcome.reason, outcome.text, at)
                 self.skipped_bytes += len(SYNC)
                 at += len(SYNC)
 
@@ -277,7 +277,7 @@ class StreamDecoder:
 def frames_of(datagram: bytes) -> list[Frame | RejectedBytes]:
     """Return the frames of one datagram; what is left at its end is a rejected one."""
     decoder = StreamDecoder()
-    found = decoder.feed(datagram)
+    frames = decoder.feed(datagram)
     while decoder.waiting_bytes:
-        found += decoder.resync()
-    return found
+        frames += decoder.resync()
+    return frames

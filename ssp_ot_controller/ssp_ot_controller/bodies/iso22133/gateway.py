@@ -68,10 +68,10 @@ class IsoAddress:
     @staticmethod
     def parse(text: str) -> IsoAddress | None:
         """Parse an address; None for any other text."""
-        found = iso_body(text)
-        if found is None:
+        parts = iso_body(text)
+        if parts is None:
             return None
-        host, port, options = found
+        host, port, options = parts
         metres = [float(options.get(name, "0")) for name in ISO_LEVER]
         lever = LeverArm(*metres) if any(metres) else None
         report = Path(options["report"]) if options.get("report") else None

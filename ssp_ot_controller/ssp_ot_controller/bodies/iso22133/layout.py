@@ -86,9 +86,9 @@ _LAYOUTS: dict[type, tuple[_Group, ...]] = {}
 
 def _groups_of(cls: Any) -> tuple[_Group, ...]:
     """Return the items of a message in the order in which they are sent."""
-    known = _LAYOUTS.get(cls)
-    if known is not None:
-        return known
+    layout = _LAYOUTS.get(cls)
+    if layout is not None:
+        return layout
     hints = get_type_hints(cls, include_extras=True)
     laid: list[_Field] = []
     for field in fields(cls):
@@ -217,10 +217,10 @@ def read_items(cls: type, items: tuple[Item, ...], odd: list[str]) -> Any | Reje
         odd: receives a sentence for each item that the message doesn't have and each value that is
             none, up to MOST_ODD sentences.
     """
-    known = {group.value_id: group for group in _groups_of(cls)}
+    groups = {group.value_id: group for group in _groups_of(cls)}
     values: dict[str, Any] = {}
     for item in items:
-        group = known.get(item.value_id)
+        group = groups.get(item.value_id)
         if group is None:
             _tell(odd, f"has item 0x{item.value_id:04X}, which isn't known")
             continue
@@ -228,7 +228,7 @@ def read_items(cls: type, items: tuple[Item, ...], odd: list[str]) -> Any | Reje
         if problem is not None:
             evidence = item.content[:EVIDENCE_BYTES]
             return RejectedBytes(Reason.ITEM, f"item 0x{item.value_id:04X} {problem}", evidence)
-    for group in known.values():
+    for group in groups.values():
         first = group.fields[0]
         if first.wire.points is not None:
             values[first.name] = tuple(values.get(first.name, ()))

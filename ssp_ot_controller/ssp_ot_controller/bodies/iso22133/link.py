@@ -128,11 +128,11 @@ class Link:
         if not 1 < port < 65_536:
             raise HostError(f"object at {self.name}: the port must be from 2 to 65535")
         try:
-            found = resolve(host, port, socket.SOCK_STREAM)
+            addresses = resolve(host, port, socket.SOCK_STREAM)
         except HostError as error:
             raise HostError(f"object at {self.name}: {error}") from None
         # A host with several addresses may listen at one of them only: they take turns.
-        self._addresses = deque((family, address) for family, _, _, _, address in found)
+        self._addresses = deque((family, address) for family, _, _, _, address in addresses)
         self._port = port
         self.problem = "not connected yet"
         self.transmitter_id = CENTRE_ID
@@ -191,13 +191,13 @@ class Link:
 
         Also send what waited.
         """
-        found = self._read_udp()
+        messages = self._read_udp()
         if self._tcp is not None and not self._connected:
             self._finish_connecting(self._tcp)
         if self._connected:
             self._flush()
-            found += self._read_tcp()
-        return found
+            messages += self._read_tcp()
+        return messages
 
     def send(self, message: Message, *, acknowledge: bool = False) -> Header:
         """Send a message; without a connection it is lost, as it may be on its way.
@@ -238,7 +238,7 @@ class Link:
                 self._tap(True, time.time_ns(), data)
 
     def _read_udp(self) -> list[ReceivedMessage]:
-        found: list[ReceivedMessage] = []
+        messages: list[ReceivedMessage] = []
         for _ in range(_READS_PER_POLL):
             if self._udp is None:
                 break
@@ -251,8 +251,8 @@ class Link:
                 continue
             stamp_ns = time.time_ns()
             self._tap(False, stamp_ns, data)
-            found += _received(frames_of(data), True, stamp_ns)
-        return found
+            messages += _received(frames_of(data), True, stamp_ns)
+        return messages
 
     def _close_udp(self) -> None:
         if self._udp is not None:
@@ -300,27 +300,27 @@ class Link:
                 self._queue.popleft()
 
     def _read_tcp(self) -> list[ReceivedMessage]:
-        found: list[ReceivedMessage] = []
+        messages: list[ReceivedMessage] = []
         now_ns = self._monotonic_ns()
         for _ in range(_READS_PER_POLL):
             if self._tcp is None:
-                return found
+                return messages
             try:
                 data = self._tcp.recv(_READ_BYTES)
             except BlockingIOError:
                 break
             except OSError as error:
                 self._lose(error.strerror or str(error))
-                return found
+                return messages
             stamp_ns = time.time_ns()
             if not data:
                 self._lose("the object closed the connection")
-                return found
+                return messages
             self._tap(False, stamp_ns, data)
-            found += _received(self._frames.feed(data), False, stamp_ns)
+            messages += _received(self._frames.feed(data), False, stamp_ns)
         if rest := self._frames.give_up(now_ns):
-            found += _received(rest, False, time.time_ns())
-        return found
+            messages += _received(rest, False, time.time_ns())
+        return messages
 
     def _lose(self, problem: str) -> None:
         """Give the connection up. UDP stays open, for heartbeats that tell of an abort."""
@@ -333,10 +333,10 @@ class Link:
 def _received(
     frames: list[Frame | RejectedBytes], udp: bool, stamp_ns: int
 ) -> list[ReceivedMessage]:
-    found = []
+    messages = []
     for frame in frames:
         if isinstance(frame, RejectedBytes):
-            found.append(ReceivedMessage(udp, stamp_ns, frame, frame.evidence))
+            messages.append(ReceivedMessage(udp, stamp_ns, frame, frame.evidence))
         else:
-            found.append(ReceivedMessage(udp, stamp_ns, decode(frame), frame.data))
-    return found
+            messages.append(ReceivedMessage(udp, stamp_ns, decode(frame), frame.data))
+    return messages

@@ -227,14 +227,15 @@ def cannot_arm(
         return ()
     if report is None:
         return ("it has no probe report: run `ssp iso probe --stage move`, or waive it by a name",)
-    found = []
+    reasons = []
     if report.firmware != firmware:
-        told, probed = firmware or "unknown", report.firmware or "unknown"
-        found.append(
-            f"its firmware is {told}, the probe report of {_day(report.started)} is of {probed}"
+        firmware_text, probed = firmware or "unknown", report.firmware or "unknown"
+        reasons.append(
+            f"its firmware is {firmware_text}, the probe report of {_day(report.started)} is of "
+            f"{probed}"
         )
     if report.kind.is_laxer(kind):
-        found.append(
+        reasons.append(
             f"its probe report judges its motion by `{report.kind.options}`: probe it with "
             f"`{kind.options}`"
         )
@@ -248,7 +249,7 @@ def cannot_arm(
         if reaction_s is None:
             lacks.append(f"stops on {what} ({clause})")
         elif reaction_s > bound_s:
-            found.append(
+            reasons.append(
                 f"its probe report shows {reaction_s:.3f} s from {what} to the first slowing, the "
                 f"site allows {bound_s:g} s ({clause})"
             )
@@ -257,13 +258,13 @@ def cannot_arm(
         if measured_s is None:
             lacks.append(f"keeps limits.{limit} ({clause})")
         elif measured_s > bound_s:
-            found.append(
+            reasons.append(
                 f"its probe report shows {measured_s:.3f} s, {what}; the site allows {bound_s:g} s "
                 f"({clause})"
             )
     if lacks:
-        found.append(f"its probe report doesn't show that it {', '.join(lacks)}")
-    return tuple(found)
+        reasons.append(f"its probe report doesn't show that it {', '.join(lacks)}")
+    return tuple(reasons)
 
 
 def _day(when: datetime) -> str:

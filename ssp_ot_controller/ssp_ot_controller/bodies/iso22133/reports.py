@@ -69,8 +69,8 @@ class MonrReadings:
             late_s = ns_to_seconds(last.stamp_ns - stamp_ns)
             return RejectedBytes(Reason.ORDER, f"is {late_s:.4f} s older than the newest one")
         lever = self._lever
-        told = self._datum.of_enu(Pose2(x, y, yaw))
-        there = Pose2(told.x_m, told.y_m, wrap_angle(told.yaw_rad - lever.yaw_left_rad))
+        pose = self._datum.of_enu(Pose2(x, y, yaw))
+        there = Pose2(pose.x_m, pose.y_m, wrap_angle(pose.yaw_rad - lever.yaw_left_rad))
         x_m, y_m = there.to_parent(-lever.forward_m, -lever.left_m)
         if monr.drive_direction == DriveDirection.BACKWARD:
             speed = -abs(speed)

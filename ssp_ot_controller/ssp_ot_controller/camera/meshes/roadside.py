@@ -211,7 +211,7 @@ def _digits(text: str) -> list[Mesh]:
     width, gap, height = (0.13, 0.05, 0.3) if len(text) > 2 else (0.19, 0.07, 0.36)
     bar, x, middle = 0.24 * width, -3 * _LIFT_M, _MIDDLE_M
     low, high = middle - height / 2, middle + height / 2
-    found = []
+    meshes = []
     for i, digit in enumerate(text):
         y1 = (len(text) * (width + gap) - gap) / 2 - i * (width + gap)
         y0 = y1 - width
@@ -226,5 +226,5 @@ def _digits(text: str) -> list[Mesh]:
         )
         for (a, b, z0, z1), on in zip(places, _BARS[digit], strict=True):
             if on == "1":
-                found.append(quad((x, b, z0), (x, a, z0), (x, a, z1), (x, b, z1), _BLACK))
-    return found
+                meshes.append(quad((x, b, z0), (x, a, z0), (x, a, z1), (x, b, z1), _BLACK))
+    return meshes

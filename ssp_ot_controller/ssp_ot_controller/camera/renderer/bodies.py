@@ -79,10 +79,10 @@ def to_block(pose: Pose2, origin: Pose2) -> Pose2:
 
 def bodies_of(scene: Scene, stage: Stage) -> list[Body]:
     """Return all objects of a scene, the VUT last."""
-    found = []
+    bodies = []
     for state in (*scene.others, scene.vut):
         pose, key = to_block(state.pose, scene.road.origin.pose), state.object_id
         travelled_m, indicator = scene.travelled_m.get(key, 0.0), scene.indicators.get(key)
         mesh = body(state, stage.palette, travelled_m, indicator).placed(pose)
-        found.append(Body(pose, state.size, mesh, state is not scene.vut))
-    return found
+        bodies.append(Body(pose, state.size, mesh, state is not scene.vut))
+    return bodies

@@ -72,8 +72,8 @@ def visible(places: Array, view: View, range_m: float) -> Array:
     ahead = dx * forward[0] + dy * forward[1]
     aside = np.abs(dx * forward[1] - dy * forward[0])
     inside = aside < ahead * slope + radius * math.sqrt(1.0 + slope * slope)
-    kept = np.flatnonzero((ahead > -radius) & (ahead < range_m) & inside)
-    return np.asarray(kept[np.argsort(ahead[kept], kind="stable")])
+    indices = np.flatnonzero((ahead > -radius) & (ahead < range_m) & inside)
+    return np.asarray(indices[np.argsort(ahead[indices], kind="stable")])
 
 
 def finished(
@@ -95,20 +95,20 @@ def light_field(stage: Stage, look: Look, view: View, bodies: Sequence[Body]) ->
     field = np.empty((*shape, 3), np.float32)
     out = np.empty((lens.height_px, 3 * lens.width_px), np.uint8)
     film = _film(look, np.uint64(0))
-    kept = _draw(stage, view, bodies, film, field.reshape(lens.height_px, -1), out)
+    samples = _draw(stage, view, bodies, film, field.reshape(lens.height_px, -1), out)
     depth = np.maximum(
-        kept.inverse_depth[::SAMPLES, ::SAMPLES], kept.inverse_depth[1::SAMPLES, 1::SAMPLES]
+        samples.inverse_depth[::SAMPLES, ::SAMPLES], samples.inverse_depth[1::SAMPLES, 1::SAMPLES]
     )
     shines = np.zeros(shape, np.bool_)
     rows, columns = np.nonzero(depth > 0.0)
     # Of whichever of the two samples above has something.
-    upper = kept.inverse_depth[SAMPLES * rows, SAMPLES * columns] > 0.0
+    upper = samples.inverse_depth[SAMPLES * rows, SAMPLES * columns] > 0.0
     owner = np.where(
         upper,
-        kept.owner[SAMPLES * rows, SAMPLES * columns],
-        kept.owner[SAMPLES * rows + 1, SAMPLES * columns + 1],
+        samples.owner[SAMPLES * rows, SAMPLES * columns],
+        samples.owner[SAMPLES * rows + 1, SAMPLES * columns + 1],
     )
-    shines[rows, columns] = kept.planes[owner, G_KIND] == LAMP
+    shines[rows, columns] = samples.planes[owner, G_KIND] == LAMP
     return LightField(field, depth, shines, view)
 
 
@@ -135,9 +135,9 @@ def _draw(
     near = visible(static.places, view, SHADOW_RANGE_M)
     # All at once: a call for each costs more than what it does.
     moving = join([b.mesh for b in bodies if b.drawn])
-    drawn = lighted(moving, stage.palette, stage.sun, stands=True)
+    triangles = lighted(moving, stage.palette, stage.sun, stands=True)
     room = len(moving) + int(np.diff(static.body_ranges[far]).sum())
-    kept = _BUFFERS.cleared(lens.height_px, lens.width_px, room)
+    buffers = _BUFFERS.cleared(lens.height_px, lens.width_px, room)
     n = SAMPLES
     # Sample i of a pixel's n lies at (i + 0.5) / n - 0.5 px from its centre.
     samples = np.array(
@@ -149,8 +149,8 @@ def _draw(
         (flat, ranges([len(flat)])),
         (static.shadows, static.shadow_ranges[near]),
     ):
-        rasterise_cover(corners, runs, eye, kept.triangle, kept.cover)
-    count = rasterise(drawn, ranges([len(moving)]), eye, around.fog_per_m, 0, kept)
-    rasterise(static.bodies, static.body_ranges[far], eye, around.fog_per_m, count, kept)
-    compose(around, eye, kept, film, field, out)
-    return kept
+        rasterise_cover(corners, runs, eye, buffers.triangle, buffers.cover)
+    count = rasterise(triangles, ranges([len(moving)]), eye, around.fog_per_m, 0, buffers)
+    rasterise(static.bodies, static.body_ranges[far], eye, around.fog_per_m, count, buffers)
+    compose(around, eye, buffers, film, field, out)
+    return buffers

@@ -88,12 +88,14 @@ def subframes(scene: Scene, camera: Camera) -> int:
     pairs += [(object_corners(o), object_corners(then[o.object_id])) for o in scene.others]
     for new, old in pairs:
         a, b = project(after, new), project(before, old)
-        seen = a.in_front & b.in_front & (np.abs(a.u_px - camera.width_px / 2) < camera.width_px)
-        if seen.any():
-            way = np.hypot(a.u_px - b.u_px, a.v_px - b.v_px)[seen]
+        is_visible = (
+            a.in_front & b.in_front & (np.abs(a.u_px - camera.width_px / 2) < camera.width_px)
+        )
+        if is_visible.any():
+            way = np.hypot(a.u_px - b.u_px, a.v_px - b.v_px)[is_visible]
             moves.append(float(way.max()))
-    wanted = math.ceil(max(moves) / _PX_PER_SUBFRAME)
-    return min(_MOST_SUBFRAMES, wanted + 1) if wanted > 0 else 1
+    count = math.ceil(max(moves) / _PX_PER_SUBFRAME)
+    return min(_MOST_SUBFRAMES, count + 1) if count > 0 else 1
 
 
 __all__ = ["BRAKE_MPS2", "Scene", "render", "warm_up"]

@@ -242,7 +242,7 @@ def build_scenery(
     The map's things come last.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0x5CE11E]))
-    beside, found = _Roadside(road, bend), []
+    beside, props = _Roadside(road, bend), []
     end_m = road.length_m + BEYOND_M
     for side in (beside.left, beside.right):
         for row in _ROWS[palette_name]:
@@ -250,9 +250,9 @@ def build_scenery(
             while x_m < end_m:
                 mesh = row.make(rng, palette, side.sign)
                 beyond_m = rng.uniform(*row.beyond_m)
-                found += beside.put(row.kind, mesh, side, x_m, beyond_m, row.shadow)
+                props += beside.put(row.kind, mesh, side, x_m, beyond_m, row.shadow)
                 x_m += rng.uniform(*row.apart_m)
-    found += _signs(beside, road)
+    props += _signs(beside, road)
     pitched = palette_name == "suburb"
     for i, (item, pose) in enumerate(zip(beside.items, beside.poses, strict=True)):
         # The seed gives it only its colours and the shape of leaves.
@@ -260,16 +260,16 @@ def build_scenery(
         mesh = _mesh(item, road, own, palette, pitched=pitched)
         reach = float(np.hypot(mesh.corners[..., 0], mesh.corners[..., 1]).max())
         reach = max(reach, float(mesh.corners[..., 2].max()))
-        found.append(
+        props.append(
             Prop(mesh.placed(pose), pose.x_m, pose.y_m, reach, not isinstance(item, Building))
         )
-    return found
+    return props
 
 
 def _signs(beside: _Roadside, road: Road) -> list[Prop]:
     """Place the signs that the road's numbers call for, for traffic on the right towards them."""
     limit = roadside.sign("speed_limit", max(5, 5 * round(road.speed_limit_mps * 3.6 / 5)))
-    going, found = {lane.direction for lane in road.lanes}, []
+    going, props = {lane.direction for lane in road.lanes}, []
     ways = (
         ("forward", beside.right, 0.0, 1.0, 0.0),
         ("backward", beside.left, road.length_m, -1.0, math.pi),
@@ -286,8 +286,8 @@ def _signs(beside: _Roadside, road: Road) -> list[Prop]:
             for at_m in road.crossings_x_m
         ]
         for mesh, x_m in signs:
-            found += beside.put("sign", mesh, side, x_m, _SIGN_BESIDE_M, yaw_rad=yaw)
-    return found
+            props += beside.put("sign", mesh, side, x_m, _SIGN_BESIDE_M, yaw_rad=yaw)
+    return props
 
 
 def _mesh(

@@ -115,7 +115,7 @@ def _street_lamps(stage: Stage, eye: Array) -> list[list[float]]:
     The nearest comes first.
     """
     lit = stage.static.bodies
-    found = []
+    beams = []
     near = np.hypot(*(stage.static.places[:, :2] - eye[:2]).T) < _BEAM_RANGE_M
     for index in np.flatnonzero(near):
         first, end = stage.static.body_ranges[index]
@@ -124,7 +124,7 @@ def _street_lamps(stage: Stage, eye: Array) -> list[list[float]]:
             continue
         x, y, z = lit.corners[first:end][shine].reshape(-1, 3).mean(axis=0)
         if z > _STREET_ABOVE_M:
-            found.append(
+            beams.append(
                 [
                     float(x),
                     float(y),
@@ -137,7 +137,7 @@ def _street_lamps(stage: Stage, eye: Array) -> list[list[float]]:
                     _STREET_RANGE_M,
                 ]
             )
-    return found
+    return beams
 
 
 def illuminate(field: LightField, stage: Stage, bodies: Sequence[Body]) -> None:

@@ -68,9 +68,9 @@ def run_of_row(folder: Path, number: int) -> RowRun:
     starts = sealed_starts(folder)
     left = number - 1
     for job in jobs_of(plan, starts):
-        wanted = identity_of(job)
-        if left >= len(wanted):
-            left -= len(wanted)
+        identities = identity_of(job)
+        if left >= len(identities):
+            left -= len(identities)
             continue
         if job.driver.driver == CAREFUL:
             raise InputError(
@@ -80,7 +80,7 @@ def run_of_row(folder: Path, number: int) -> RowRun:
                 value=number,
                 remedy="give a row of another driver",
             )
-        task = task_of(folder, plan, wanted[left][0])
+        task = task_of(folder, plan, identities[left][0])
         latency, repeat = job.latencies[left // job.repeats], left % job.repeats
         start = drivable(job.start)
         run = start.driven_by(job.driver.driver, job.driver.options, latency, repeat=repeat)
@@ -90,8 +90,8 @@ def run_of_row(folder: Path, number: int) -> RowRun:
         is_kept = is_model and before is not None
         path = row_file(folder, number)
         remedy = "let the campaign be driven anew"
-        kept = load_answers(path, remedy, run.driven) if is_kept else None
-        return RowRun(start, row, run, task, kept, is_model and not is_kept, before)
+        answers = load_answers(path, remedy, run.driven) if is_kept else None
+        return RowRun(start, row, run, task, answers, is_model and not is_kept, before)
     raise InputError(
         "isn't of this campaign's plan",
         file=folder / RUNS_FILE,

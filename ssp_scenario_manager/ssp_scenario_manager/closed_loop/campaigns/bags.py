@@ -59,13 +59,13 @@ def write_bags(
         on_done: is given how many are done, at first those that were, and of how many.
     """
     todo = [n for n in numbers if not (bag_folder(folder, n) / RESULT_FILE).is_file()]
-    done = len(numbers) - len(todo)
-    on_done(done, len(numbers))
+    bag_count = len(numbers) - len(todo)
+    on_done(bag_count, len(numbers))
     wrong = []
     with ordered_map(min(jobs, len(todo))) as run_all:
         for why in run_all(partial(_record, folder), todo):
-            done += 1
-            on_done(done, len(numbers))
+            bag_count += 1
+            on_done(bag_count, len(numbers))
             if why:
                 wrong.append(why)
     return wrong
@@ -75,9 +75,9 @@ def _record(folder: Path, number: int) -> str:
     again = run_of_row(folder, number)
     place = bag_folder(folder, number)
     run = for_one_process(again.run, camera=True)
-    drove = driven_again(run, again.start, repeated(again.kept), KeptSession())
+    drive = driven_again(run, again.start, repeated(again.kept), KeptSession())
     needless = dict(zip(RUN_COLUMNS, again.row, strict=True))["needless"]
     why = leave_bag(
-        place, again.task, drove, again.kept, again.start.v_r_mps, needless, again.before
+        place, again.task, drive, again.kept, again.start.v_r_mps, needless, again.before
     )
     return f"{place}: {why}" if why else ""

@@ -106,24 +106,24 @@ def _run(
     # A job that was cut off is run again as a whole.
     rows = rows[: len(rows) // per_job * per_job]
     _check_rows(path, rows, todo, per_job)
-    kept = _Kept(folder, lines_of([RUN_COLUMNS, *rows]))
+    campaign_files = _Kept(folder, lines_of([RUN_COLUMNS, *rows]))
     total = len(todo) * per_job
     on_rows(len(rows), total)
     with (
         ordered_map(min(jobs, len(todo)), engine, software) as run_all,
         path.open("a", newline="") as stream,
     ):
-        for done in run_all(rows_of, todo[len(rows) // per_job :]):
+        for job_rows in run_all(rows_of, todo[len(rows) // per_job :]):
             # Before its rows: a job without rows is run again, and writes them anew.
-            write_texts(folder, len(rows) // per_job, per_job, done.answers)
-            kept.check()
-            lines = lines_of(done.rows)
+            write_texts(folder, len(rows) // per_job, per_job, job_rows.answers)
+            campaign_files.check()
+            lines = lines_of(job_rows.rows)
             stream.write(lines)
             stream.flush()
-            kept.add(lines)
-            rows += done.rows
+            campaign_files.add(lines)
+            rows += job_rows.rows
             on_rows(len(rows), total)
-    kept.check(whole=True)
+    campaign_files.check(whole=True)
     if plan.is_measured:
         complete_cards(folder, rows)
     rates = rates_of([read_row(row) for row in rows])
@@ -190,17 +190,21 @@ def _state_of(path: Path) -> tuple[int, ...]:
     The time of the last change of status can't be set, as that of the content can.
     """
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return ()
-    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
 
 def _check_rows(path: Path, rows: Sequence[Row], todo: Sequence[Job], per_job: int) -> None:
     for i, row in enumerate(rows):
         job = todo[i // per_job] if i // per_job < len(todo) else None
-        wanted = [] if job is None else identity_of(job)[i % per_job]
-        if len(row) != len(RUN_COLUMNS) or row[: len(wanted)] != wanted or row[7] not in OUTCOMES:
+        identity = [] if job is None else identity_of(job)[i % per_job]
+        if (
+            len(row) != len(RUN_COLUMNS)
+            or row[: len(identity)] != identity
+            or row[7] not in OUTCOMES
+        ):
             raise InputError(
                 "holds another campaign's run",
                 file=path,

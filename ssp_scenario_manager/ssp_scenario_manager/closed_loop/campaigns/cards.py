@@ -102,15 +102,15 @@ def _card(
     run = RunSpec.model_validate(starts[0]["run"])
     facts = Provider.DRIVING_FACTS.load().driving_facts(run.vut.cls)
     is_prescribed = driver.driver == CAREFUL
-    seen = _seen(driver, starts[0])
-    has_route = seen.pop("sees_route")
+    perception = _perception(driver, starts[0])
+    has_route = perception.pop("sees_route")
     card = {
         "driver": driver.shown,
         "kind": driver.driver,
         "options": asdict(CAREFUL_DRIVER) if is_prescribed else driver.options,
         "privileged": driver.is_privileged,
         "history_s": None if is_prescribed else facts["history_s"],
-        **seen,
+        **perception,
         "route_m": None if is_prescribed or not has_route else facts["route_m"],
         "step_s": run.step_s,
         "frame_period_s": starts[0]["frame_period_s"],
@@ -133,15 +133,15 @@ def _card(
     return {**card, "hash": _hash(card)}
 
 
-def _seen(driver: CampaignDriver, start: Mapping[str, Any]) -> dict[str, Any]:
+def _perception(driver: CampaignDriver, start: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a driver sees, and what is known of its model; None: it has none of it."""
     if driver.driver == CAREFUL or not sees_frames(driver.driver):
         nothing = dict.fromkeys(("model", "weights_sha256", "prompt_sha256", "timeout_s"))
         return {"cameras": [], **nothing, "prompt": _WORDLESS, "sees_route": True}
     camera = start.get("camera") or {}
-    named = ("width_px", "height_px", "hfov_deg", "rate_hz", "renderer")
+    camera_fields = ("width_px", "height_px", "hfov_deg", "rate_hz", "renderer")
     return {
-        "cameras": [{name: camera[name] for name in named if name in camera}],
+        "cameras": [{name: camera[name] for name in camera_fields if name in camera}],
         **model_facts(driver.driver, driver.options),
     }
 
@@ -177,17 +177,17 @@ def complete_cards(folder: Path, rows: Sequence[Row]) -> None:
     write_json(path, {"schema": CARDS_SCHEMA, "cards": cards})
 
 
-def _measured(folder: Path, rows: Sequence[Row], driver: str, given: str) -> dict[str, Any]:
+def _measured(folder: Path, rows: Sequence[Row], driver: str, latency: str) -> dict[str, Any]:
     """Return what was measured of a driver's answers, over events and event-free twins."""
     given_answers: list[GivenAnswer] = []
     for number, row in enumerate(rows, 1):
         cells = dict(zip(RUN_COLUMNS, row, strict=True))
         path = row_file(folder, number)
-        if (cells["driver"], cells["latency"]) == (driver, given) and path.is_file():
-            kept = load_answers(path, "name a new folder with --out")
-            given_answers += [one.given for one in (*kept.event, *kept.free)]
-    found = figures_of(given_answers, parse_latency(given).seconds)
-    return {name: found[name] for name in _MEASURED}
+        if (cells["driver"], cells["latency"]) == (driver, latency) and path.is_file():
+            answers = load_answers(path, "name a new folder with --out")
+            given_answers += [one.given for one in (*answers.event, *answers.free)]
+    figures = figures_of(given_answers, parse_latency(latency).seconds)
+    return {name: figures[name] for name in _MEASURED}
 
 
 def _hash(card: Mapping[str, Any]) -> str:
@@ -200,8 +200,8 @@ def _hash(card: Mapping[str, Any]) -> str:
                 one.update(dict.fromkeys(_MEASURED))
     else:
         left_out.append("hardware")
-    kept = {k: v for k, v in card.items() if k not in left_out}
-    return sha256_json({**kept, "latencies": latencies})
+    content = {k: v for k, v in card.items() if k not in left_out}
+    return sha256_json({**content, "latencies": latencies})
 
 
 def _hardware() -> dict[str, Any]:

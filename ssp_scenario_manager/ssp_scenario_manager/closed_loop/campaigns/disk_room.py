@@ -45,16 +45,16 @@ def check_room(jobs: Sequence[Job], folder: Path, which: Bags, say: Callable[[st
     if not count:
         return
     most = "" if which == "all" else "at most "
-    told = (
+    estimate = (
         f"bags of {most}{count} runs take about {needed / _GB:.2f} GB; "
         f"{free / _GB:.2f} GB are free in {folder}"
     )
     if which == "all" and needed + _LEFT_BYTES > free:
         raise HostError(
-            f"{told}; give --bags failed or none, or a folder on another disk: the same command "
-            "with another --bags goes on with these starts"
+            f"{estimate}; give --bags failed or none, or a folder on another disk: the same "
+            "command with another --bags goes on with these starts"
         )
-    say(told)
+    say(estimate)
 
 
 def _missing(jobs: Sequence[Job], folder: Path) -> tuple[int, float]:

@@ -35,12 +35,12 @@ def groups_of(cards: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 
     Those with drivers of the plan come first.
     """
-    found: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for card in cards:
         contains = [one["contains"] for one in card["latencies"]]
         key = repr([*(card[name] for name in CONDITIONS), card["limits"], contains])
-        found.setdefault(key, []).append(card["driver"])
-    return sorted(found.values(), key=lambda group: all(one in BASELINES for one in group))
+        groups.setdefault(key, []).append(card["driver"])
+    return sorted(groups.values(), key=lambda group: all(one in BASELINES for one in group))
 
 
 def group_numbers(cards: Sequence[Mapping[str, Any]]) -> dict[str, int]:
@@ -56,13 +56,13 @@ def headings_of(cards: Sequence[Mapping[str, Any]]) -> list[str]:
     by_name = {card["driver"]: card for card in cards}
     first = [by_name[group[0]] for group in groups_of(cards)]
     words = [_conditions(card) for card in first]
-    for name, told in _FURTHER.items():
+    for name, label in _FURTHER.items():
         for same in dict.fromkeys(words):
             alike = [i for i, one in enumerate(words) if one == same]
             values = [_value(first[i], name) for i in alike]
             if len({repr(value) for value in values}) > 1:
                 for i, value in zip(alike, values, strict=True):
-                    words[i] += f", {told} {_shown(value)}"
+                    words[i] += f", {label} {_value_text(value)}"
     return words
 
 
@@ -70,8 +70,8 @@ def _conditions(card: Mapping[str, Any]) -> str:
     if card["tracker"] is None:
         return "prescribed motion, outside the plant: no plans, no latency"
     route = "no route" if card["route_m"] is None else f"route {card['route_m']:g} m ahead"
-    seen = "by camera" if card["cameras"] else "no frames"
-    return f"plans tracked, {route}, {seen}, a question each {card['frame_period_s']:g} s at most"
+    sight = "by camera" if card["cameras"] else "no frames"
+    return f"plans tracked, {route}, {sight}, a question each {card['frame_period_s']:g} s at most"
 
 
 def _value(card: Mapping[str, Any], name: str) -> Any:
@@ -80,10 +80,10 @@ def _value(card: Mapping[str, Any], name: str) -> Any:
     return card[name]
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     """Return a condition's value in few words: those of objects one behind the other."""
     if isinstance(value, Mapping):
-        return " ".join(f"{key} {_shown(one)}" for key, one in value.items())
+        return " ".join(f"{key} {_value_text(one)}" for key, one in value.items())
     if isinstance(value, list):
-        return " and ".join(dict.fromkeys(map(_shown, value))) or "none"
+        return " and ".join(dict.fromkeys(map(_value_text, value))) or "none"
     return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)

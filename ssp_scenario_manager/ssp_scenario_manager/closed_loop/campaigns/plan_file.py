@@ -156,19 +156,21 @@ def load_plan(path: str | Path, further: Sequence[CampaignDriver] = ()) -> LoopP
         models = Path(path).parent / plan.models
         with _at(path, "models", plan.models):
             check_models(models)
-    named = len(plan.drivers)
+    listed_count = len(plan.drivers)
     drivers = []
     for i, one in enumerate((*plan.drivers, *further)):
-        file, field = (path, f"drivers[{i}]") if i < named else (None, f"--drive {one.driver}")
+        file, field = (
+            (path, f"drivers[{i}]") if i < listed_count else (None, f"--drive {one.driver}")
+        )
         with _at(file, field, one.driver):
             options = driver_options(one.driver, one.options, models)
         drivers.append(one.model_copy(update={"options": options}))
     plan = plan.model_copy(update={"drivers": drivers})
-    shown = [one.shown for one in plan.everybody]
+    names = [one.shown for one in plan.everybody]
     for i, one in enumerate(plan.drivers):
-        if shown.count(one.shown) == 1:
+        if names.count(one.shown) == 1:
             continue
-        is_listed = i < named
+        is_listed = i < listed_count
         raise InputError(
             "stands twice, or is the name of a baseline",
             file=path if is_listed else None,

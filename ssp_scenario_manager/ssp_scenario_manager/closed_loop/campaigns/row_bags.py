@@ -62,7 +62,7 @@ def bag_folder(folder: Path, number: int) -> Path:
 def leave_bag(
     place: Path,
     task: Path,
-    drove: Drove,
+    drive: Drove,
     answers: KeptAnswers | None,
     v_r_mps: float | None,
     needless: str,
@@ -73,7 +73,7 @@ def leave_bag(
     Args:
         place: folder of the row's run, which a call that was cut off may have begun.
         task: folder of the event's task.
-        drove: the drive, with what was said in it.
+        drive: the drive, with what was said in it.
         answers: of a model.
         v_r_mps: of its start.
         needless: why it is in the event-free twin, as its row says it.
@@ -86,20 +86,20 @@ def leave_bag(
         InputError: a file of the task can't be taken.
         HostError: the disk doesn't take it.
     """
-    if drove.said is None:
+    if drive.said is None:
         raise ValueError("nothing was kept of the session")
     shutil.rmtree(place, ignore_errors=True)
     copy_task(task, make_folder(place))
     if answers is not None:
         save_answers(place / ANSWERS_FILE, answers)
-    spec = for_one_process(drove.run.model_copy(update={"run_id": place.name}), camera=True)
+    spec = for_one_process(drive.run.model_copy(update={"run_id": place.name}), camera=True)
     run_file = place / "run.yaml"
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
-    told = told_of(drove.driven, drove.record, drove.outcome, v_r_mps) | {"needless": needless}
-    told, why = (told, "") if before is None else before.judged(told)
-    result = drove.result.failed_for(why) if why else drove.result
-    recorded = leave_recording(spec, run_file, place / "bag", drove.said, result)
-    leave_view(place, spec, drove.record, told, drove.outcome.contact)
-    own = {"compiled_core": core_in_use(), "driven": told}
+    summary = told_of(drive.driven, drive.record, drive.outcome, v_r_mps) | {"needless": needless}
+    summary, why = (summary, "") if before is None else before.judged(summary)
+    result = drive.result.failed_for(why) if why else drive.result
+    recorded = leave_recording(spec, run_file, place / "bag", drive.said, result)
+    leave_view(place, spec, drive.record, summary, drive.outcome.contact)
+    own = {"compiled_core": core_in_use(), "driven": summary}
     write_json(place / RESULT_FILE, result_json(spec, result) | recorded | own)
     return why

@@ -184,56 +184,61 @@ def rows_of(job: Job) -> JobRows:
     identity = identity_of(job)
     rows: list[Row] = []
     answers: list[tuple[KeptAnswer, ...]] = []
-    found: _Found | None = None
+    findings: _Found | None = None
     for latency in job.latencies:
         for repeat in range(job.repeats):
             if job.driver.driver == CAREFUL:
-                found = _careful(job.start)
+                findings = _careful(job.start)
             elif (
-                found is None or found.outcome.kind == HARNESS or job.driver.driver not in COMMANDED
+                findings is None
+                or findings.outcome.kind == HARNESS
+                or job.driver.driver not in COMMANDED
             ):
                 # Without plans nothing depends on a latency, and one sound drive stands for all.
                 row = job.first_row + len(rows)
-                found = _both(job, start, built_in, latency, repeat, row)
-            rows.append([*identity[len(rows)], *_cells(start, found)])
-            answers.append(found.answers)
-            _leave_bag(job, start, latency, repeat, found, rows)
+                findings = _both(job, start, built_in, latency, repeat, row)
+            rows.append([*identity[len(rows)], *_cells(start, findings)])
+            answers.append(findings.answers)
+            _leave_bag(job, start, latency, repeat, findings, rows)
     return JobRows(rows, answers)
 
 
 def _leave_bag(
-    job: Job, start: Start, latency: Latency, repeat: int, found: _Found, rows: Sequence[Row]
+    job: Job, start: Start, latency: Latency, repeat: int, findings: _Found, rows: Sequence[Row]
 ) -> None:
     """Leave the bag of the last row, if it has one; what the disk doesn't take has none."""
-    recording, drove = job.recording, found.drove
-    if recording is None or drove is None:
+    recording, drive = job.recording, findings.drove
+    if recording is None or drive is None:
         return
     one = read_row(rows[-1])
     if not has_bag(one, job.driver, recording.which, is_first=recording.is_first):
         return
     # A drive without plans stands for those at other latencies.
     run = start.driven_by(job.driver.driver, job.driver.options, latency, repeat=repeat)
-    drove = replace(drove, run=run, driven=run.driven or drove.driven)
+    drive = replace(drive, run=run, driven=run.driven or drive.driven)
     place = bag_folder(recording.folder, job.first_row + len(rows) - 1)
     try:
-        leave_bag(place, recording.task, drove, found.kept, start.v_r_mps, one.needless)
+        leave_bag(place, recording.task, drive, findings.kept, start.v_r_mps, one.needless)
     except HostError:
         # Its row is worth more. Whoever records what has no bag meets the same disk, and says so.
         shutil.rmtree(place, ignore_errors=True)
 
 
-def _cells(start: Start, found: _Found) -> Row:
-    outcome, severity = found.outcome, found.severity
+def _cells(start: Start, findings: _Found) -> Row:
+    outcome, severity = findings.outcome, findings.severity
     v_i_mps = None if outcome.contact is None else outcome.contact.relative_mps
     return [
         *(outcome.kind, shown(outcome.at_s), one_line(outcome.why)),
         *map(shown, (v_i_mps, start.v_r_mps, severity_of(outcome, start.v_r_mps))),
-        *map(shown, found.chain.values()),
+        *map(shown, findings.chain.values()),
         shown(outcome.unled_s),
         str(outcome.starved).lower(),
-        one_line(found.needless),
-        *(shown(None if found.took is None else found.took[key]) for key in ("p50_s", "p99_s")),
-        found.states,
+        one_line(findings.needless),
+        *(
+            shown(None if findings.took is None else findings.took[key])
+            for key in ("p50_s", "p99_s")
+        ),
+        findings.states,
         *map(shown, astuple(severity)),
     ]
 
@@ -254,27 +259,31 @@ def _both(
     order = order_of(f"{job.seed} {start.hash} {job.driver.shown} {latency} {repeat}")
     keeps = job.folder is not None and job.driver.is_model
     path = row_file(job.folder, row) if job.folder is not None and keeps else None
-    kept = failed = None
+    row_answers = failed = None
     if path is not None and path.is_file():
-        wanted = start.driven_by(
+        driver_spec = start.driven_by(
             job.driver.driver, job.driver.options, latency, repeat=repeat
         ).driven
-        kept = load_answers(path, f"remove it, and the model is asked again in row {row}", wanted)
+        row_answers = load_answers(
+            path, f"remove it, and the model is asked again in row {row}", driver_spec
+        )
     elif job.folder is not None and keeps:
         failed = tries_file(job.folder, row)
     tries = Tries() if failed is None else load_tries(failed)
     drives = {}
     for event in order:
-        drove = _run(job, start, latency, repeat, tries, failed, event=event, kept=kept)
-        if isinstance(drove, Failure):
-            return _lost(drove)
-        drives[event] = drove
+        drive = _run(
+            job, start, latency, repeat, tries, failed, event=event, row_answers=row_answers
+        )
+        if isinstance(drive, Failure):
+            return _lost(drive)
+        drives[event] = drive
     driven, free = drives[True], drives[False]
-    if path is not None and kept is None:
+    if path is not None and row_answers is None:
         make_folder(path.parent)
-        asked = Question.of(driven.driven)
-        kept = KeptAnswers(asked, driven.answers, free.answers)
-        save_answers(path, kept)
+        question = Question.of(driven.driven)
+        row_answers = KeptAnswers(question, driven.answers, free.answers)
+        save_answers(path, row_answers)
     return _Found(
         driven.outcome,
         chain_of(driven.driven, driven.record, driven.outcome),
@@ -291,7 +300,7 @@ def _both(
         measured_of(driven.driven, driven.record),
         driven.record.sha256,
         driven,
-        kept,
+        row_answers,
     )
 
 
@@ -336,7 +345,7 @@ def _run(
     failed: Path | None,
     *,
     event: bool,
-    kept: KeptAnswers | None,
+    row_answers: KeptAnswers | None,
 ) -> Drove | Failure:
     """Drive once, and repeat after a harness failure while tries are left (METHOD 8.7).
 
@@ -348,23 +357,23 @@ def _run(
         tries: failed ones of the row, which takes those that fail here.
         failed: file of them; None: they aren't kept.
         event: False: the event-free twin.
-        kept: answers that a model repeats; None: it is asked.
+        row_answers: answers that a model repeats; None: it is asked.
     """
-    answers = repeated(kept, event=event)
+    answers = repeated(row_answers, event=event)
     listens = event and job.recording is not None
     while (lost := tries.lost(event=event)) is None:
-        drove = drive_start(
+        drive = drive_start(
             start,
             job.driver,
             latency,
             event=event,
             repeat=repeat,
             answers=answers,
-            said=KeptSession() if listens else None,
+            session=KeptSession() if listens else None,
         )
-        if drove.outcome.kind != HARNESS:
-            return drove
-        tries.fail(drove.outcome, failed, event=event)
+        if drive.outcome.kind != HARNESS:
+            return drive
+        tries.fail(drive.outcome, failed, event=event)
     return lost
 
 
@@ -376,7 +385,7 @@ def drive_start(
     event: bool = True,
     repeat: int = 0,
     answers: Answers = None,
-    said: KeptSession | None = None,
+    session: KeptSession | None = None,
 ) -> Drove:
     """Drive one driver on a start once.
 
@@ -387,26 +396,28 @@ def drive_start(
         event: False: the event-free twin.
         repeat: of the start under this driver, from 0.
         answers: that a model gave before, and repeats; None: it is asked.
-        said: keeps what its session says, of which a bag can be made; None: nothing does.
+        session: keeps what its session says, of which a bag can be made; None: nothing does.
     """
     run = start.driven_by(driver.driver, driver.options, latency, event=event, repeat=repeat)
-    return driven_again(run, start, answers, said)
+    return driven_again(run, start, answers, session)
 
 
-def driven_again(run: RunSpec, start: Start, answers: Answers, said: KeptSession | None) -> Drove:
+def driven_again(
+    run: RunSpec, start: Start, answers: Answers, session: KeptSession | None
+) -> Drove:
     """Drive the run of a driver on a start.
 
     Args:
         run: as ``driven_by`` gives it.
         start: with its twin.
         answers: as for ``drive_start``.
-        said: as for ``drive_start``.
+        session: as for ``drive_start``.
     """
     if run.driven is None:
         raise ValueError("a driven run has a driver")
-    result, record = run_in_process(run, listener=said, answers=answers)
+    result, record = run_in_process(run, listener=session, answers=answers)
     outcome = outcome_of(run, run.driven, result, record, start.twin)
-    return Drove(run, run.driven, result, record, outcome, said)
+    return Drove(run, run.driven, result, record, outcome, session)
 
 
 @lru_cache(maxsize=2)
@@ -423,5 +434,5 @@ def drivable(text: str) -> Start:
 def _start(text: str) -> tuple[Start, Record]:
     """Return a sealed start with its twin, and the built-in driver's event-free run."""
     start = drivable(text)
-    drove = drive_start(start, CampaignDriver(driver=BUILT_IN), ZERO_LATENCY, event=False)
-    return start, drove.record
+    drive = drive_start(start, CampaignDriver(driver=BUILT_IN), ZERO_LATENCY, event=False)
+    return start, drive.record

@@ -84,9 +84,9 @@ class Draw:
     def words(self) -> str:
         """The shares in words."""
         counts = {kind: getattr(self, kind) for kind in _DRAWN}
-        drawn = sum(counts.values())
-        shares = [f"{n} {kind} ({100 * n / drawn:.0f} %)" for kind, n in counts.items()]
-        return f"{', '.join(shares)}, of {drawn} drawn by seed from {self.first_seed} on"
+        total = sum(counts.values())
+        shares = [f"{n} {kind} ({100 * n / total:.0f} %)" for kind, n in counts.items()]
+        return f"{', '.join(shares)}, of {total} drawn by seed from {self.first_seed} on"
 
 
 def draw_starts(
@@ -123,11 +123,11 @@ def draw_starts(
     try:
         for number, event in enumerate(plan.events):
             draft = folder / TASKS_FOLDER / str(number)
-            found, draw = _starts_of(plan, event, draft, say, jobs, engine)
-            starts += found
+            event_starts, draw = _starts_of(plan, event, draft, say, jobs, engine)
+            starts += event_starts
             draws.append(asdict(draw))
-        kept = {"starts": starts, "drawn": draws}
-        write_json(path, {"schema": STARTS_SCHEMA, **kept, "hash": sha256_json(kept)})
+        content = {"starts": starts, "drawn": draws}
+        write_json(path, {"schema": STARTS_SCHEMA, **content, "hash": sha256_json(content)})
     except SspError:
         # Nothing is sealed: the mended plan may take the same folder.
         shutil.rmtree(folder / TASKS_FOLDER, ignore_errors=True)
@@ -167,13 +167,13 @@ def _sealed_starts(folder: Path) -> dict[str, Any]:
             remedy="use the version of this software that drew these starts, or drive the campaign "
             "anew",
         )
-    kept: dict[str, Any] = {name: there[name] for name in ("starts", "drawn") if name in there}
-    check_form(SealedStarts, kept, path)
-    if there.get("hash") != sha256_json(kept):
+    content: dict[str, Any] = {name: there[name] for name in ("starts", "drawn") if name in there}
+    check_form(SealedStarts, content, path)
+    if there.get("hash") != sha256_json(content):
         raise InputError(
             "was changed after it was sealed", file=path, remedy="name a new folder with --out"
         )
-    return kept
+    return content
 
 
 def sealed_plan(folder: Path) -> tuple[LoopPlan, str]:
@@ -212,12 +212,12 @@ def software() -> dict[str, Any]:
 
 def _sources() -> dict[str, str]:
     """Return the hash of the sources of each package that decides how a run goes."""
-    found = {}
+    hashes = {}
     for name in _PACKAGES:
         spec = importlib.util.find_spec(name)
         for place in () if spec is None else spec.submodule_search_locations or ():
-            found[name] = sha256_sources(Path(place))
-    return found
+            hashes[name] = sha256_sources(Path(place))
+    return hashes
 
 
 def _claim(folder: Path, sealed: Mapping[str, Any]) -> None:
@@ -255,31 +255,32 @@ def _starts_of(
     event_file = str((draft / TASK_FOLDER / EVENT_FILE).resolve())
     room_s = plan.room_s, plan.history_s
     judge = partial(_drawn, run.model_dump_json(by_alias=True), event_file, room_s)
-    kept: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
-    seen = dict.fromkeys(_DRAWN, 0)
+    starts_by_kind: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
+    counts = dict.fromkeys(_DRAWN, 0)
     most = {"critical": plan.starts, "harmless": plan.others, "unavoidable": plan.others}
     seeds = iter(range(plan.seed, plan.seed + MOST_SEEDS * plan.starts))
     with ordered_map(jobs, engine, software) as run_all:
-        while len(kept["critical"]) < plan.starts:
+        while len(starts_by_kind["critical"]) < plan.starts:
             batch = list(islice(seeds, max(jobs, 1)))
             if not batch:
                 break
             for kind, facts in run_all(judge, batch):
-                if len(kept["critical"]) >= plan.starts:
+                if len(starts_by_kind["critical"]) >= plan.starts:
                     break
-                seen[kind] += 1
-                if kind in kept and len(kept[kind]) < most[kind]:
-                    kept[kind].append({"event": event, "kind": kind, **facts})
-    draw = Draw(event, plan.seed, **seen, left_out=list(left_out_of(run)))
+                counts[kind] += 1
+                if kind in starts_by_kind and len(starts_by_kind[kind]) < most[kind]:
+                    starts_by_kind[kind].append({"event": event, "kind": kind, **facts})
+    draw = Draw(event, plan.seed, **counts, left_out=list(left_out_of(run)))
     _tell(draw, say)
-    if len(kept["critical"]) < plan.starts:
+    if len(starts_by_kind["critical"]) < plan.starts:
         raise InputError(
-            f"has {len(kept['critical'])} critical starts among {sum(seen.values())} seeds",
+            f"has {len(starts_by_kind['critical'])} critical starts among "
+            f"{sum(counts.values())} seeds",
             field="starts",
             value=plan.starts,
             remedy="ask for fewer, for smaller latencies, or for a place with a longer run-up",
         )
-    return [start for kind in KINDS for start in kept[kind]], draw
+    return [start for kind in KINDS for start in starts_by_kind[kind]], draw
 
 
 def _tell(draw: Draw, say: Callable[[str], None]) -> None:

@@ -160,24 +160,26 @@ def _instants(
         other = next(s for s in report.truths if s.object_id == acting.object_id)
         vut = next(s for s in report.truths if s.object_id == run.vut.id)
         if kind == "brake":
-            seen = at_s >= observable_s and other.acceleration_mps2 <= -driver.braking_mps2
+            is_perceptible = (
+                at_s >= observable_s and other.acceleration_mps2 <= -driver.braking_mps2
+            )
         else:
             _, offset_m = path.project_beyond(other.x_m, other.y_m)
             lane_m = offset_m if lane_m is None else lane_m
-            seen = abs(offset_m - lane_m) >= driver.lateral_m
+            is_perceptible = abs(offset_m - lane_m) >= driver.lateral_m
             spare_m = 0.5 * abs(vut.size.width_m - other.size.width_m)
             if comes_in and math.isinf(wrap_s) and abs(offset_m) <= spare_m + driver.wrap_m:
                 wrap_s = at_s
-        if seen and math.isinf(perceived_s):
+        if is_perceptible and math.isinf(perceived_s):
             perceived_s = at_s
     return perceived_s + driver.evaluation_s + driver.reaction_s, wrap_s
 
 
 def _deceleration_mps2(braking_s: float, wrapped_s: float, driver: CarefulDriver) -> float:
     """Return the deceleration so long after the braking began, and after the full wrap."""
-    found = min(driver.deceleration_mps2, driver.jerk_mps3 * max(braking_s, 0.0))
+    deceleration_mps2 = min(driver.deceleration_mps2, driver.jerk_mps3 * max(braking_s, 0.0))
     since_s = min(braking_s, wrapped_s)
     if since_s > 0.0:
         share = min(since_s / driver.wrapped_s, 1.0)
-        found = max(found, driver.wrapped_mps2 * share)
-    return found
+        deceleration_mps2 = max(deceleration_mps2, driver.wrapped_mps2 * share)
+    return deceleration_mps2

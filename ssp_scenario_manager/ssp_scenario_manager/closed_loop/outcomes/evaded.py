@@ -60,11 +60,11 @@ def evaded(run: RunSpec, driven: Driven, record: Record, twin: Twin) -> str:
         return ""
     at_ns = seconds_to_ns(driven.observable_s)
     vut = next((s for s in record.truths(run.vut.id) if s.stamp_ns == at_ns), None)
-    meant = twin.get(at_ns)
-    if vut is None or meant is None:
+    twin_state = twin.get(at_ns)
+    if vut is None or twin_state is None:
         return ""
     path = path_of(run)
-    own, its = _Along.of(path, vut), _Along.of(path, meant)
+    own, its = _Along.of(path, vut), _Along.of(path, twin_state)
     slower = 1.0 - own.speed_mps / its.speed_mps if its.speed_mps > 0.0 else 0.0
     behind_m, beside_m = its.station_m - own.station_m, abs(own.offset_m - its.offset_m)
     words = (
@@ -85,7 +85,7 @@ def evaded(run: RunSpec, driven: Driven, record: Record, twin: Twin) -> str:
 
 
 def _gone_on(
-    run: RunSpec, driven: Driven, record: Record, twin: Twin, begin: _Along, meant: _Along
+    run: RunSpec, driven: Driven, record: Record, twin: Twin, begin: _Along, twin_along: _Along
 ) -> Iterator[StepReport]:
     """Yield the steps behind T_obs with a VUT that goes on from a state there as its twin does.
 
@@ -93,8 +93,8 @@ def _gone_on(
     contact or resolution the twin is braked by its session: its speed there is held.
     """
     path, share = path_of(run), 1.0
-    if meant.speed_mps > LIMITS.standing_mps:
-        share = begin.speed_mps / meant.speed_mps
+    if twin_along.speed_mps > LIMITS.standing_mps:
+        share = begin.speed_mps / twin_along.speed_mps
     held_s = driven.end_s - LIMITS.after_s
     for report in until(record.reports, driven.observable_s or 0.0, driven.end_s):
         now_s = ns_to_seconds(report.now_ns)
@@ -102,14 +102,14 @@ def _gone_on(
         if state is None:
             continue
         along = _Along.of(path, state)
-        way_m = along.station_m - meant.station_m + state.speed_mps * max(now_s - held_s, 0.0)
+        way_m = along.station_m - twin_along.station_m + state.speed_mps * max(now_s - held_s, 0.0)
         pose = path.pose(begin.station_m + share * way_m)
-        left_m = begin.offset_m + along.offset_m - meant.offset_m
+        left_m = begin.offset_m + along.offset_m - twin_along.offset_m
         vut = replace(
             state,
             stamp_ns=report.now_ns,
             x_m=pose.x_m - left_m * math.sin(pose.yaw_rad),
             y_m=pose.y_m + left_m * math.cos(pose.yaw_rad),
-            yaw_rad=pose.yaw_rad + along.yaw_rad + begin.yaw_rad - meant.yaw_rad,
+            yaw_rad=pose.yaw_rad + along.yaw_rad + begin.yaw_rad - twin_along.yaw_rad,
         )
         yield with_vut(report, vut)

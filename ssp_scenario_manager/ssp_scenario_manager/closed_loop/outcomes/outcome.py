@@ -143,12 +143,12 @@ def _harness(
 ) -> Fact | None:
     at_ns = seconds_to_ns(driven.hand_over_s)
     vut = next((s for s in record.truths(run.vut.id) if s.stamp_ns == at_ns), None)
-    meant = twin.get(at_ns)
-    if vut is None or meant is None:
+    twin_state = twin.get(at_ns)
+    if vut is None or twin_state is None:
         reason = "; ".join(result.reasons) or "the run ended before the hand-over"
         return driven.hand_over_s, HARNESS, reason
-    off_mps = abs(vut.speed_mps - meant.speed_mps)
-    off_m = math.hypot(vut.x_m - meant.x_m, vut.y_m - meant.y_m)
+    off_mps = abs(vut.speed_mps - twin_state.speed_mps)
+    off_m = math.hypot(vut.x_m - twin_state.x_m, vut.y_m - twin_state.y_m)
     if not (off_mps <= LIMITS.handed_mps and off_m <= LIMITS.handed_m):
         why = f"at the hand-over {off_mps:.2f} m/s and {off_m:.2f} m off the twin"
         return driven.hand_over_s, HARNESS, why
@@ -330,13 +330,13 @@ def first_response_s(run: RunSpec, driven: Driven, record: Record, twin: Twin) -
         return None
     path, since_s = path_of(run), None
     for vut in record.truths(run.vut.id):
-        at_s, meant = ns_to_seconds(vut.stamp_ns), twin.get(vut.stamp_ns)
-        if at_s <= driven.observable_s + EPSILON_S or meant is None:
+        at_s, twin_state = ns_to_seconds(vut.stamp_ns), twin.get(vut.stamp_ns)
+        if at_s <= driven.observable_s + EPSILON_S or twin_state is None:
             continue
         # Behind its contact or resolution the twin is braked by its session.
         if at_s > driven.end_s - LIMITS.after_s + EPSILON_S:
             break
-        if not _departs(path, vut, meant):
+        if not _departs(path, vut, twin_state):
             since_s = None
             continue
         since_s = at_s if since_s is None else since_s
@@ -345,10 +345,12 @@ def first_response_s(run: RunSpec, driven: Driven, record: Record, twin: Twin) -
     return None
 
 
-def _departs(path: Polyline, vut: ObjectState, meant: ObjectState) -> bool:
-    if abs(vut.speed_mps - meant.speed_mps) > LIMITS.response_mps:
+def _departs(path: Polyline, vut: ObjectState, twin_state: ObjectState) -> bool:
+    if abs(vut.speed_mps - twin_state.speed_mps) > LIMITS.response_mps:
         return True
-    (_, own_m), (_, its_m) = path.project_all_beyond([(vut.x_m, vut.y_m), (meant.x_m, meant.y_m)])
+    (_, own_m), (_, its_m) = path.project_all_beyond(
+        [(vut.x_m, vut.y_m), (twin_state.x_m, twin_state.y_m)]
+    )
     return abs(own_m - its_m) > LIMITS.response_m
 
 
@@ -410,22 +412,22 @@ def chain_of(driven: Driven, record: Record, outcome: Outcome) -> dict[str, floa
     The frame is asked about later than it is there while another question is open. Without a
     question after T_obs there is neither frame nor answer.
     """
-    found: dict[str, float | None] = dict.fromkeys(CHAIN)
-    found["observable_s"], found["response_s"] = driven.observable_s, outcome.response_s
+    chain: dict[str, float | None] = dict.fromkeys(CHAIN)
+    chain["observable_s"], chain["response_s"] = driven.observable_s, outcome.response_s
     number = 0
     for report in record.reports:
         drive, at_s = report.drive, ns_to_seconds(report.now_ns)
         if drive is None or driven.observable_s is None:
             continue
-        asked, answered = drive.asked, drive.answered
-        if not number and asked is not None and at_s >= driven.observable_s - EPSILON_S:
-            number, found["asked_s"] = asked.number, at_s
+        question, answered = drive.asked, drive.answered
+        if not number and question is not None and at_s >= driven.observable_s - EPSILON_S:
+            number, chain["asked_s"] = question.number, at_s
             periods = math.ceil(driven.observable_s / driven.frame_period_s - 1e-6)
-            found["frame_s"] = periods * driven.frame_period_s
+            chain["frame_s"] = periods * driven.frame_period_s
         if number and answered is not None and answered.number == number:
-            found["answered_s"] = ns_to_seconds(answered.stamp_ns) + answered.latency_s
-            found["effective_s"] = at_s
-    return {name: rounded(value) for name, value in found.items()}
+            chain["answered_s"] = ns_to_seconds(answered.stamp_ns) + answered.latency_s
+            chain["effective_s"] = at_s
+    return {name: rounded(value) for name, value in chain.items()}
 
 
 def severity_of(outcome: Outcome, v_r_mps: float | None) -> float | None:
@@ -444,21 +446,21 @@ def measured_of(driven: Driven, record: Record) -> dict[str, Any] | None:
     if not driven.latency.measured:
         return None
     drives = [report.drive for report in record.reports if report.drive is not None]
-    given = [drive.given for drive in drives if drive.given is not None]
-    return figures_of(given, driven.latency.seconds)
+    answers = [drive.given for drive in drives if drive.given is not None]
+    return figures_of(answers, driven.latency.seconds)
 
 
-def figures_of(given: Sequence[GivenAnswer], bound_s: float) -> dict[str, Any]:
+def figures_of(answers: Sequence[GivenAnswer], bound_s: float) -> dict[str, Any]:
     """Return the number of measured latencies, and their quantiles and medians of parts, s.
 
     All but the number are None where nothing was asked.
 
     Args:
-        given: answers, and how drivers ended.
+        answers: of drivers, and how these ended.
         bound_s: that was declared.
     """
     # A driver that can't be loaded isn't asked.
-    latencies = [one.latency for one in given if one.latency.total_ns or not one.ended]
+    latencies = [one.latency for one in answers if one.latency.total_ns or not one.ended]
     if not latencies:
         figures = dict.fromkeys(_FIGURES)
         return {"answers": 0, "bound_s": bound_s, **figures, "over_bound": 0}

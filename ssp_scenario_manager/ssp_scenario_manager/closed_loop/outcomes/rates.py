@@ -86,7 +86,9 @@ def rates_of(rows: Sequence[RunRow]) -> list[Rates]:
     cells: dict[tuple[str, str, Latency], list[RunRow]] = {}
     for row in critical:
         cells.setdefault((row.event, row.driver, row.latency), []).append(row)
-    return [_rates(*cell, found, has_rates=cell[1] not in lost) for cell, found in cells.items()]
+    return [
+        _rates(*cell, cell_rows, has_rates=cell[1] not in lost) for cell, cell_rows in cells.items()
+    ]
 
 
 def drivers_without_rates(rows: Sequence[RunRow]) -> set[str]:
@@ -112,7 +114,7 @@ def _rates(
     counts = Counter(row.outcome for row in rows)
     headline = low = high = None
     if driven and has_rates:
-        count = sum(sum(found) / len(found) for found in by_start.values())
+        count = sum(sum(repeats) / len(repeats) for repeats in by_start.values())
         headline = count / len(by_start)
         low, high = wilson_interval(headline, len(by_start))
     return Rates(
@@ -134,8 +136,10 @@ def _rates(
 
 def _spread(starts: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:
     """Return the standard deviations of runs within their starts, and of the starts' shares."""
-    shares = [sum(found) / len(found) for found in starts]
-    repeated = [(p, len(found)) for p, found in zip(shares, starts, strict=True) if len(found) > 1]
+    shares = [sum(repeats) / len(repeats) for repeats in starts]
+    repeated = [
+        (p, len(repeats)) for p, repeats in zip(shares, starts, strict=True) if len(repeats) > 1
+    ]
     within = between = None
     if repeated:
         # Pooled over the starts: each gives its n - 1 degrees of freedom.
@@ -163,7 +167,7 @@ def rising(rates: Sequence[Rates], drivers: Sequence[str]) -> list[str]:
         rates: of a campaign.
         drivers: that are looked at.
     """
-    found = []
+    rises = []
     for event, driver in dict.fromkeys((one.event, one.driver) for one in rates):
         if driver not in drivers:
             continue
@@ -174,8 +178,8 @@ def rising(rates: Sequence[Rates], drivers: Sequence[str]) -> list[str]:
             if faster.headline is None or slower.headline is None:
                 continue
             if slower.headline > faster.headline:
-                found.append(
+                rises.append(
                     f"{driver} on {event}: {faster.headline:.2f} at {faster.latency.words}, "
                     f"{slower.headline:.2f} at {slower.latency.shown} s"
                 )
-    return found
+    return rises

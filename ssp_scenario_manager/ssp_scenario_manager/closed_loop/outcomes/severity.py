@@ -135,12 +135,12 @@ def _replan_m(led: Sequence[StepReport]) -> float | None:
         for report in led
         if report.drive is not None and report.drive.effective is not None
     ]
-    found = [
+    distances_m = [
         distance
         for before, after in pairwise(one for one in plans if one.purpose == PLAN)
         if (distance := _apart_m(before, after)) is not None
     ]
-    return math.fsum(found) / len(found) if found else None
+    return math.fsum(distances_m) / len(distances_m) if distances_m else None
 
 
 def _apart_m(before: Reference, after: Reference) -> float | None:

@@ -67,8 +67,8 @@ def lines_of(rows: Sequence[Row]) -> str:
 
 def shown(value: float | None) -> str:
     """Return a number as a cell, empty where there is none."""
-    kept = rounded(value)
-    return "" if kept is None else str(kept)
+    number = rounded(value)
+    return "" if number is None else str(number)
 
 
 def cell(value: str | float | bool | None) -> str:
@@ -129,18 +129,18 @@ def off_the_twin(runs: Iterable[Mapping[str, str]]) -> list[str]:
         and one["v_r_mps"]
         and one["outcome"] != HARNESS
     ]
-    found = []
+    deviations = []
     for event in dict.fromkeys(one["event"] for one in own):
         there = [one for one in own if one["event"] == event]
         # Without a contact it is off by all of v_r.
         off = [abs(float(one["v_i_mps"] or 0.0) - float(one["v_r_mps"])) for one in there]
         over = [value for value in off if value > LIMITS.contact_mps]
         if over:
-            found.append(
+            deviations.append(
                 f"constant_velocity on {event}: v_i differs from v_r by up to {max(over):.2f} m/s, "
                 f"by more than {LIMITS.contact_mps:g} m/s in {len(over)} of {len(there)} runs"
             )
-    return found
+    return deviations
 
 
 def rates_row(one: Rates, is_privileged: bool, group: int) -> Row:

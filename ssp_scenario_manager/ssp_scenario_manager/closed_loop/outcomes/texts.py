@@ -65,18 +65,20 @@ def _speeds(plan: Reference) -> tuple[float, float]:
     return begins_mps, begins_mps - float(np.min(speed[t <= SLOWS_S]))
 
 
-def write_texts(folder: Path, job: int, per_job: int, kept: Sequence[Sequence[KeptAnswer]]) -> None:
+def write_texts(
+    folder: Path, job: int, per_job: int, answers: Sequence[Sequence[KeptAnswer]]
+) -> None:
     """Write the answers of a job's runs, one a line with its row's number; none leaves no file.
 
     Args:
         folder: of the campaign.
         job: its place, from 0.
         per_job: rows of a job.
-        kept: answers of each of its runs.
+        answers: of each of its runs.
     """
     lines = [
         json.dumps({"row": job * per_job + k + 1, **one})
-        for k, each in enumerate(kept)
+        for k, each in enumerate(answers)
         for one in each
     ]
     if lines:

@@ -36,13 +36,13 @@ class Before:
     place: str
     cells: Mapping[str, str]
 
-    def difference(self, told: Mapping[str, Any]) -> str:
+    def difference(self, summary: Mapping[str, Any]) -> str:
         """Say what of a run isn't as it was before; empty: it is the same run.
 
         Args:
-            told: what ``result.json`` says of who drove it.
+            summary: what ``result.json`` says of who drove it.
         """
-        now = _cells_of(told)
+        now = _cells_of(summary)
         parts = [
             f"{name} is {now[name] or 'none'} and was {self.cells[name] or 'none'}"
             for name in _COMPARED
@@ -50,14 +50,14 @@ class Before:
         ]
         return f"it isn't the run of {self.place}: {'; '.join(parts)}" if parts else ""
 
-    def judged(self, told: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    def judged(self, summary: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
         """Return what ``result.json`` says of a run that must be the same, and why it isn't.
 
         Args:
-            told: of who drove it.
+            summary: of who drove it.
         """
-        why = self.difference(told)
-        return dict(told) | (failed_for(why) if why else {}), why
+        why = self.difference(summary)
+        return dict(summary) | (failed_for(why) if why else {}), why
 
 
 def failed_for(why: str) -> dict[str, Any]:
@@ -100,6 +100,6 @@ def before_of_folder(folder: Path) -> Before | None:
     return None if is_aborted or cells["outcome"] == HARNESS else Before(str(path), cells)
 
 
-def _cells_of(told: Mapping[str, Any]) -> dict[str, str]:
-    found = {**told, **told["chain"]}
-    return {name: cell(found[name]) for name in _COMPARED}
+def _cells_of(summary: Mapping[str, Any]) -> dict[str, str]:
+    fields = {**summary, **summary["chain"]}
+    return {name: cell(fields[name]) for name in _COMPARED}

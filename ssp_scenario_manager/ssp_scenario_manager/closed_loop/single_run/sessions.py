@@ -33,7 +33,7 @@ from ssp_scenario_manager.run.sweep import for_one_process
 
 
 def told_of_session(
-    before: Before | None, kept: KeptAnswers | None, spec: RunSpec, bag: Path
+    before: Before | None, model_answers: KeptAnswers | None, spec: RunSpec, bag: Path
 ) -> tuple[dict[str, Any], str]:
     """Return what ``result.json`` says of who drove, and why the verdict can't stand.
 
@@ -42,7 +42,7 @@ def told_of_session(
 
     Args:
         before: what the run was, where it is driven again; None: it is held against nothing.
-        kept: answers that a model repeated; None: it was asked.
+        model_answers: answers that a model repeated; None: it was asked.
         spec: as it was driven.
         bag: of the session, in the folder where its driver's node left its answers.
     """
@@ -52,29 +52,31 @@ def told_of_session(
     run = without_operator(for_one_process(spec, camera=sees))
     answers = given_answers(bag.parent / NODE_ANSWERS_FILE) if sees else None
     result, record = run_in_process(run, answers=answers)
-    heard = _heard(bag)
-    abort = None if isinstance(heard, str) else heard.abort
+    session = _session_of(bag)
+    abort = None if isinstance(session, str) else session.abort
     if abort is not None:
         record = Record([one for one in record.reports if one.now_ns <= abort.at_ns])
         result = replace(
             result, verdict=Verdict.ABORTED, reasons=abort.reasons, aborted_ns=abort.at_ns
         )
-        if kept is None and answers is not None:
+        if model_answers is None and answers is not None:
             # Who aborts a session waits for no model: it isn't asked in the event-free twin.
-            kept = KeptAnswers(Question.of(spec.driven), answers, ())
-    told, contact = told_of_run(run, result, record, folder=bag.parent, kept=kept)
-    if kept is not None and not kept.free:
-        told["driven"]["needless"] = (
+            model_answers = KeptAnswers(Question.of(spec.driven), answers, ())
+    summary, contact = told_of_run(
+        run, result, record, folder=bag.parent, model_answers=model_answers
+    )
+    if model_answers is not None and not model_answers.free:
+        summary["driven"]["needless"] = (
             "the operator aborted, and the model wasn't asked without the event"
         )
-    why = heard if isinstance(heard, str) else _difference(heard.truths, record.reports)
+    why = session if isinstance(session, str) else _difference(session.truths, record.reports)
     if why:
-        told["driven"] |= failed_for(why)
+        summary["driven"] |= failed_for(why)
     elif abort is None:
         if before is not None:
-            told["driven"], why = before.judged(told["driven"])
-        leave_view(bag.parent, run, record, told["driven"], contact)
-    return told, why
+            summary["driven"], why = before.judged(summary["driven"])
+        leave_view(bag.parent, run, record, summary["driven"], contact)
+    return summary, why
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +95,7 @@ class _Heard:
     abort: _Abort | None
 
 
-def _heard(bag: Path) -> _Heard | str:
+def _session_of(bag: Path) -> _Heard | str:
     """Read a session's bag; or say why it can't be read."""
     try:
         with BagReader(bag) as reader:
@@ -119,11 +121,13 @@ def _abort_of(states: Sequence[Any]) -> _Abort | None:
     return _Abort(stamp_ns(aborting[0].header.stamp), reasons)
 
 
-def _difference(seen: Mapping[int, tuple[ObjectState, ...]], reports: Sequence[StepReport]) -> str:
+def _difference(
+    truths_by_step: Mapping[int, tuple[ObjectState, ...]], reports: Sequence[StepReport]
+) -> str:
     """Say where a session's true states depart from those of one process; empty: nowhere."""
     # The last step of the one is not always one of the other: each sees the end in its own way.
     for report in reports[:-1]:
-        if seen.get(report.step) != _as_heard(report):
+        if truths_by_step.get(report.step) != _as_heard(report):
             at_s = ns_to_seconds(report.now_ns)
             return f"at {at_s:.2f} s the session's states aren't those of one process"
     return ""

@@ -75,11 +75,11 @@ def named_driver(text: str, *, insecure: bool = False) -> tuple[str, dict[str, A
     Raises:
         InputError: it is no name, or the options are no JSON object.
     """
-    name, _, given = text.partition("=")
+    name, _, options_text = text.partition("=")
     if text.startswith(_POLICY_SCHEME):
-        name, given = _POLICY, json.dumps({"url": text})
+        name, options_text = _POLICY, json.dumps({"url": text})
     try:
-        options: Any = parse_strict(given) if given.strip() else {}
+        options: Any = parse_strict(options_text) if options_text.strip() else {}
     except ValueError as error:
         raise InputError(
             f"is not valid JSON: {error}",
@@ -229,7 +229,7 @@ def told_of_run(
     record: Record,
     *,
     folder: Path | None = None,
-    kept: KeptAnswers | None = None,
+    model_answers: KeptAnswers | None = None,
 ) -> tuple[dict[str, Any], Contact | None]:
     """Return what ``result.json`` says of who drove, and the contact of the outcome.
 
@@ -241,7 +241,7 @@ def told_of_run(
         result: of the run.
         record: of the run.
         folder: takes the answers of a model; None: they aren't kept.
-        kept: answers of the run before, which the driver repeats; None: it is asked.
+        model_answers: answers of the run before, which the driver repeats; None: it is asked.
     """
     driven = run.driven
     if driven is None:
@@ -249,14 +249,14 @@ def told_of_run(
     twin, contact = twin_of(run)
     outcome = outcome_of(run, driven, result, record, twin)
     v_r_mps = None if contact is None else contact.relative_mps
-    told = told_of(driven, record, outcome, v_r_mps)
-    free, built_in = _without_event(run, driven, twin, repeated(kept, event=False))
+    summary = told_of(driven, record, outcome, v_r_mps)
+    free, built_in = _without_event(run, driven, twin, repeated(model_answers, event=False))
     event = Drove(run, driven, result, record, outcome)
     needless = needless_of(event, free, built_in, contact)
     if folder is not None and is_kept(driven):
         answers = KeptAnswers(Question.of(driven), event.answers, free.answers)
         save_answers(folder / ANSWERS_FILE, answers)
-    return {"driven": told | {"needless": needless}}, outcome.contact
+    return {"driven": summary | {"needless": needless}}, outcome.contact
 
 
 def kept_answers(run: RunSpec, drive: Drive | None, folder: Path) -> KeptAnswers | None:

@@ -71,7 +71,7 @@ class Mark:
 
 def told_with_view(
     folder: Path,
-    kept: KeptAnswers | None,
+    model_answers: KeptAnswers | None,
     before: Before | None,
     run: RunSpec,
     result: InProcessResult,
@@ -83,22 +83,22 @@ def told_with_view(
 
     Args:
         folder: takes a model's answers too.
-        kept: answers of the run before, which the driver repeats; None: it was asked.
+        model_answers: answers of the run before, which the driver repeats; None: it was asked.
         before: what the run was, where it is driven again; None: it is held against nothing.
         run: as it was driven.
         result: of the run.
         record: of the run.
     """
-    told, contact = told_of_run(run, result, record, folder=folder, kept=kept)
-    if not told:
+    summary, contact = told_of_run(run, result, record, folder=folder, model_answers=model_answers)
+    if not summary:
         return {}, ""
-    driven, why = (told["driven"], "") if before is None else before.judged(told["driven"])
+    driven, why = (summary["driven"], "") if before is None else before.judged(summary["driven"])
     leave_view(folder, run, record, driven, contact)
-    return told | {"driven": driven}, why
+    return summary | {"driven": driven}, why
 
 
 def leave_view(
-    folder: Path, run: RunSpec, record: Record, told: dict[str, Any], contact: Contact | None
+    folder: Path, run: RunSpec, record: Record, summary: dict[str, Any], contact: Contact | None
 ) -> None:
     """Write the view from above into the folder of a run; its task there has the distances.
 
@@ -106,25 +106,25 @@ def leave_view(
         folder: of the run.
         run: as for ``top_view``.
         record: as for ``top_view``.
-        told: as for ``top_view``.
+        summary: as for ``top_view``.
         contact: as for ``top_view``.
     """
     task = folder / TASK_FOLDER / EVENT_FILE
     event = load_event(str(task))[0] if task.is_file() else None
-    write_text(folder / VIEW_FILE, top_view(run, record, told, contact, event))
+    write_text(folder / VIEW_FILE, top_view(run, record, summary, contact, event))
 
 
-def _latency(told: dict[str, Any]) -> str:
-    if told["measured"] is None:
-        return parse_latency(told["latency"]).words
-    half_s = told["measured"]["p50_s"]
+def _latency(summary: dict[str, Any]) -> str:
+    if summary["measured"] is None:
+        return parse_latency(summary["latency"]).words
+    half_s = summary["measured"]["p50_s"]
     return "L measured, " + ("nothing asked" if half_s is None else f"median {half_s:.2f} s")
 
 
 def top_view(
     run: RunSpec,
     record: Record,
-    told: dict[str, Any],
+    summary: dict[str, Any],
     contact: Contact | None,
     event: Event | None = None,
 ) -> str:
@@ -133,20 +133,20 @@ def top_view(
     Args:
         run: as it was driven.
         record: of the run.
-        told: what ``result.json`` says under ``driven``.
+        summary: what ``result.json`` says under ``driven``.
         contact: of the run's outcome.
         event: K*; None: no distance of its box is drawn.
     """
     if run.driven is None:
         raise ValueError("the run has no driver of its VUT")
-    end_s = min(run.driven.end_s, float(told["outcome_s"]) + 1.0)
+    end_s = min(run.driven.end_s, float(summary["outcome_s"]) + 1.0)
     led = until(record.reports, run.driven.hand_over_s, end_s)
     plans = [
         r.drive.effective for r in led if r.drive is not None and r.drive.effective is not None
     ]
     paths = {i: [s for r in led for s in r.truths if s.object_id == i] for i in run.object_ids}
-    shown = [(s.x_m, s.y_m) for states in paths.values() for s in states]
-    view = RoadView(run.road, shown)
+    points = [(s.x_m, s.y_m) for states in paths.values() for s in states]
+    view = RoadView(run.road, points)
     drawing = drawing_of(run)
     lines = [Line(f"road {one.kind}", view.svg(one.points)) for one in drawing.road_lines]
     lines += [Line("planned", view.svg(_places(plan))) for plan in plans if plan.purpose == PLAN]
@@ -170,8 +170,8 @@ def top_view(
         templates(Path(__file__).parent)
         .get_template("top_view.svg.j2")
         .render(
-            title=f"{run.scenario}: {told['driver']}, {_latency(told)}: "
-            f"{told['outcome']} at {told['outcome_s']:.2f} s, {told['why']}",
+            title=f"{run.scenario}: {summary['driver']}, {_latency(summary)}: "
+            f"{summary['outcome']} at {summary['outcome_s']:.2f} s, {summary['why']}",
             width=view.width_px,
             height=view.height_px + _KEY_PX + _CHART_PX + _BOTTOM_PX,
             view_height=view.height_px,
@@ -187,7 +187,7 @@ def top_view(
                 [r.now_ns for r in led if r.drive is not None and _is_unled(r.drive.mode)],
                 run.step_s,
             ),
-            marks=chart.marks({**told["chain"], "outcome_s": told["outcome_s"]}),
+            marks=chart.marks({**summary["chain"], "outcome_s": summary["outcome_s"]}),
         )
     )
 
@@ -197,8 +197,8 @@ def _gap_of(run: RunSpec, event: Event, led: Sequence[StepReport], view: RoadVie
 
     The time is the twin's, so that the gap of a VUT that does as its twin lies in K*'s interval.
     """
-    condition, wanted = run.triggers[0].condition, event.constraints.trigger
-    if wanted.quantity != "relative_distance" or not isinstance(condition, ElapsedTime):
+    condition, trigger = run.triggers[0].condition, event.constraints.trigger
+    if trigger.quantity != "relative_distance" or not isinstance(condition, ElapsedTime):
         return None
     at_ns = seconds_to_ns(condition.after_s)
     truths = next((r.truths for r in led if r.now_ns >= at_ns), ())
@@ -218,8 +218,8 @@ def _gap_of(run: RunSpec, event: Event, led: Sequence[StepReport], view: RoadVie
     ]
     middle = places[len(places) // 2]
     words = f"gap at the trigger {gap_m:.1f} m"
-    if isinstance(wanted.below, Interval):
-        span = wanted.below.si
+    if isinstance(trigger.below, Interval):
+        span = trigger.below.si
         words += f", K* {span.low:g} to {span.high:g} m"
     return Gap(" ".join(f"{px:.1f},{py:.1f}" for px, py in places), *middle, words)
 
@@ -230,15 +230,15 @@ def _is_unled(mode: DriveMode) -> bool:
 
 def _places(plan: Reference) -> list[Point]:
     t, x, y = plan.columns[:3]
-    kept = np.flatnonzero(t <= _PLAN_S)[::_PLAN_STEPS]
-    return list(zip(x[kept].tolist(), y[kept].tolist(), strict=True))
+    indices = np.flatnonzero(t <= _PLAN_S)[::_PLAN_STEPS]
+    return list(zip(x[indices].tolist(), y[indices].tolist(), strict=True))
 
 
 def _effective(plans: Sequence[Reference], end_s: float) -> list[list[Point]]:
     """Return of each plan the part that was tracked: from its dispatch until the next one's."""
-    found: list[list[Point]] = []
+    parts: list[list[Point]] = []
     if not plans:
-        return found
+        return parts
     ends_ns = [plan.dispatched_ns for plan in plans[1:]] + [seconds_to_ns(end_s)]
     for plan, end_ns in zip(plans, ends_ns, strict=True):
         t, x, y = plan.columns[:3]
@@ -246,19 +246,19 @@ def _effective(plans: Sequence[Reference], end_s: float) -> list[list[Point]]:
         upto = ns_to_seconds(end_ns - plan.execute_at_ns)
         times = np.linspace(since, max(upto, since), 12)
         places = zip(np.interp(times, t, x).tolist(), np.interp(times, t, y).tolist(), strict=True)
-        found.append(list(places))
-    return found
+        parts.append(list(places))
+    return parts
 
 
 def _each_second(states: Sequence[ObjectState]) -> list[ObjectState]:
     if not states:
         return []
-    first_ns, found, due_s = states[0].stamp_ns, [], 0.0
+    first_ns, samples, due_s = states[0].stamp_ns, [], 0.0
     for state in states:
         if ns_to_seconds(state.stamp_ns - first_ns) >= due_s - 1e-9:
-            found.append(state)
+            samples.append(state)
             due_s += _OUTLINE_S
-    return found
+    return samples
 
 
 class _Chart:
@@ -301,14 +301,14 @@ class _Chart:
 
     def spans(self, stamps_ns: Sequence[int], step_s: float) -> list[tuple[float, float]]:
         """Return left end and width of the spans that these steps make."""
-        found: list[list[float]] = []
+        spans_s: list[list[float]] = []
         for stamp_ns in stamps_ns:
             at_s = ns_to_seconds(stamp_ns)
-            if found and at_s - found[-1][1] <= 1.5 * step_s:
-                found[-1][1] = at_s
+            if spans_s and at_s - spans_s[-1][1] <= 1.5 * step_s:
+                spans_s[-1][1] = at_s
             else:
-                found.append([at_s, at_s])
-        return [(self._x(a), self._x(b + step_s) - self._x(a)) for a, b in found]
+                spans_s.append([at_s, at_s])
+        return [(self._x(a), self._x(b + step_s) - self._x(a)) for a, b in spans_s]
 
     def marks(self, instants: dict[str, float | None]) -> list[Mark]:
         """Return the instants of the chain, in rows so that their names don't cover each other."""

@@ -66,7 +66,7 @@ def drawn_run(
     """
     data: dict[str, Any] = run.model_dump(mode="json", by_alias=True)
     random = _generator(seed, _COMMON)
-    drawn: dict[str, float] = {}
+    values: dict[str, float] = {}
 
     def draw(
         quantity: str,
@@ -84,7 +84,7 @@ def drawn_run(
         value = round(float(generator.uniform(span.low, high)), 3)
         for field in fields:
             _put(data, field, value)
-            drawn[field] = value
+            values[field] = value
 
     draw(_approach(event.vut_id), "driver.cruise_mps", "vut.approach.cruise_mps")
     acting = next((i for i, t in enumerate(run.triggers) if not isinstance(t.manoeuvre, Hold)), 0)
@@ -118,7 +118,7 @@ def drawn_run(
     placed, lengths = placed_run(parsed, event, _generator(seed, _LENGTHS).uniform)
     placed, to_kerb = drawn_kerb(placed, event, tunings, _generator(seed, _KERB).uniform)
     placed, to_line = drawn_line(placed, event, _generator(seed, _LINE).uniform)
-    return placed, drawn | lengths | to_kerb | to_line
+    return placed, values | lengths | to_kerb | to_line
 
 
 def gap_draw(run: RunSpec, event: Event, seed: int) -> GapDraw:

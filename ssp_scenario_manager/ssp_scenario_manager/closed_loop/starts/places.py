@@ -60,10 +60,10 @@ class Places:
         size = target.size
         corners = Box(target.start.pose, size.front_m, size.rear_m, size.width_m).corners()
         vut = self.run.vut
-        (own_m, _), *found = self.path.project_all_beyond(
+        (own_m, _), *projections = self.path.project_all_beyond(
             [(vut.start.x_m, vut.start.y_m), *corners]
         )
-        return min(station for station, _ in found) - own_m - vut.size.front_m
+        return min(station for station, _ in projections) - own_m - vut.size.front_m
 
     def local(self, target: ParticipantSpec) -> tuple[float, float]:
         """Return arc length and offset of a participant's start."""
@@ -112,21 +112,21 @@ def placed_run(
         event: K*.
         uniform: draws between two bounds.
     """
-    needs, drawn = event.constraints.manoeuvre, dict[str, float]()
+    needs, lengths_m = event.constraints.manoeuvre, dict[str, float]()
     places, targets = Places(run), {target.id: target for target in run.targets}
     first, occluder = targets[run.initiator_id], targets.get(event.interaction.occluder or "")
     if (span := span_of(needs.get("occluder_gap"))) is not None and occluder is not None:
         near_m = places.local(first)[0] - first.size.width_m / 2.0
         is_m = near_m - places.local(occluder)[0] - occluder.size.front_m
         value = round(uniform(span.low, span.high), 3)
-        drawn["constraints.manoeuvre.occluder_gap"] = value
+        lengths_m["constraints.manoeuvre.occluder_gap"] = value
         run = with_target(run, places.moved(occluder, is_m - value))
     if (span := span_of(needs.get("offset"))) is not None:
         is_m = places.local(first)[1] - places.local(run.vut)[1]
         value = round(uniform(span.low, span.high), 3)
-        drawn["constraints.manoeuvre.offset"] = value
+        lengths_m["constraints.manoeuvre.offset"] = value
         run = with_target(run, places.moved(first, 0.0, value - is_m))
-    return run, drawn
+    return run, lengths_m
 
 
 @dataclass(frozen=True)
@@ -151,15 +151,15 @@ class GapDraw:
     def _spans(self) -> dict[str, Span]:
         """Gaps that are drawn, by participant: of those ahead that do as the initiator does."""
         stands = {target.id: target.approach is None for target in self.run.targets}
-        found = {}
+        spans = {}
         for target_id, is_standing in stands.items():
             who = self.event.participants.get(target_id)
             if who is None or who.region.along != "ahead":
                 continue
             span = span_of(who.region.gap)
             if span is not None and is_standing is stands[self.run.initiator_id]:
-                found[target_id] = span
-        return found if self.run.initiator_id in found else {}
+                spans[target_id] = span
+        return spans if self.run.initiator_id in spans else {}
 
     @cached_property
     def _initiator(self) -> ParticipantSpec:
@@ -180,15 +180,15 @@ class GapDraw:
     @cached_property
     def _between(self) -> dict[str, Span]:
         """Gaps to those that drive ahead of the VUT towards an initiator that stands."""
-        further, found = further_ids(self.event), dict[str, Span]()
+        further, spans = further_ids(self.event), dict[str, Span]()
         for target in self.run.targets:
             who = self.event.participants.get(target.id)
             if who is None or who.region.along != "ahead" or target.id in further:
                 continue
             span = span_of(who.region.gap)
             if span is not None and target.approach is not None and self._is_by_vut:
-                found[target.id] = span
-        return found
+                spans[target.id] = span
+        return spans
 
     def _share_m(self, name: str, span: Span) -> float:
         return span.low + self.shares[name] * (span.high - span.low)
@@ -238,8 +238,8 @@ class GapDraw:
                 if name == run.initiator_id:
                     wanted_m = gap_m
                 run = with_target(run, places.moved(target, wanted_m - places.gap_m(target)))
-        after, drawn = Places(run), {*self._spans, *self._between}
-        gaps = {one.id: after.gap_m(one) for one in run.targets if one.id in drawn}
+        after, participant_ids = Places(run), {*self._spans, *self._between}
+        gaps = {one.id: after.gap_m(one) for one in run.targets if one.id in participant_ids}
         return run, {f"participants.{k}.region.gap": round(v, 3) for k, v in gaps.items()}
 
     def drawn_m(self, room_m: float) -> float:

@@ -175,14 +175,14 @@ def make_start(
     """
     frame_s = _frame_period_s(run)
     history_s = max(history_s, LIMITS.history_s)
-    drawn, values = drawn_run(prepared(run), event, seed, tunings)
-    gaps = gap_draw(drawn, event, seed)
+    start_run, values = drawn_run(prepared(run), event, seed, tunings)
+    gaps = gap_draw(start_run, event, seed)
     if (bounds := gaps.bounds_m) is not None:
         widest, _ = gaps.with_gap(bounds.high)
         run_up = _run_up(without_operator(widest), latency_max_s, frame_s, history_s)
-        drawn, drawn_gaps = gaps.with_gap(gaps.drawn_m(run_up.room_m))
+        start_run, drawn_gaps = gaps.with_gap(gaps.drawn_m(run_up.room_m))
         values |= drawn_gaps
-    bare = without_operator(drawn)
+    bare = without_operator(start_run)
     run_up = _run_up(bare, latency_max_s, frame_s, history_s)
     hand_over_s, fires_s = run_up.hand_over_s, run_up.fires_s
     first_s = _first_request_s(hand_over_s, latency_max_s, frame_s)
@@ -206,7 +206,7 @@ def make_start(
         resolved_s = result.phase_s(Phase.RESOLUTION)
     if problem := _touched_scenery(twin, record, resolved_s):
         raise OffSpec(problem)
-    fixed = drawn.model_copy(update={"triggers": _at_their_times(twin, result)})
+    fixed = start_run.model_copy(update={"triggers": _at_their_times(twin, result)})
     observable_s = result.phase_s(Phase.TRIGGER)
     if problem := _off_spec(twin, result, contact) or _shown_early(run, event, result, record):
         raise OffSpec(problem)
@@ -252,35 +252,35 @@ def twin_of(run: RunSpec) -> tuple[Mapping[int, ObjectState], Contact | None]:
     return vut_states(record, run.vut.id), first_contact(record.reports, run.vut.id)
 
 
-def from_facts(kept: Mapping[str, Any]) -> Start:
+def from_facts(facts: Mapping[str, Any]) -> Start:
     """Return a start from what was sealed of it; its twin is driven again.
 
     Args:
-        kept: as ``Start.sealed`` returns it.
+        facts: as ``Start.sealed`` returns it.
 
     Raises:
         InputError: the start isn't the one that was sealed.
     """
-    run = parse_model(RunSpec, kept["run"], f"the start of seed {kept['seed']}")
+    run = parse_model(RunSpec, facts["run"], f"the start of seed {facts['seed']}")
     start = Start(
         run=run,
-        values=kept["values"],
-        hand_over_s=kept["hand_over_s"],
-        first_request_s=kept["first_request_s"],
-        observable_s=kept["observable_s"],
-        end_s=kept["end_s"],
-        frame_period_s=kept["frame_period_s"],
+        values=facts["values"],
+        hand_over_s=facts["hand_over_s"],
+        first_request_s=facts["first_request_s"],
+        observable_s=facts["observable_s"],
+        end_s=facts["end_s"],
+        frame_period_s=facts["frame_period_s"],
         contact=None,
         twin={},
-        camera=None if kept["camera"] is None else parse_model(Camera, kept["camera"], "camera"),
-        left_out=kept["left_out"],
+        camera=None if facts["camera"] is None else parse_model(Camera, facts["camera"], "camera"),
+        left_out=facts["left_out"],
     )
     twin, contact = twin_of(start.driven_by(NO_RESPONSE, {}, ZERO_LATENCY))
     start = replace(start, twin=twin, contact=contact)
-    if start.hash != kept["hash"]:
+    if start.hash != facts["hash"]:
         raise InputError(
             "isn't the start that was sealed: its twin drives otherwise here",
-            field=f"start of seed {kept['seed']}",
+            field=f"start of seed {facts['seed']}",
             value=start.hash,
             remedy="go on with the build that drew the starts, or name a new folder with --out",
         )
@@ -505,8 +505,8 @@ def _off_spec(run: RunSpec, result: InProcessResult, contact: Contact | None) ->
         result.passing.time_gap_s,
         vut_arrived=result.passing.own_arrival_s is not None,
     )
-    kept = wrong if contact is None else [text for text in wrong if text.startswith("passing")]
-    return "; ".join(kept)
+    problems = wrong if contact is None else [text for text in wrong if text.startswith("passing")]
+    return "; ".join(problems)
 
 
 def _touched_scenery(run: RunSpec, record: Record, resolved_s: float | None) -> str:

@@ -83,7 +83,7 @@ class Waiting:
             is_m: as it was compiled, inside the fence.
             place_at: gives its place at a distance.
         """
-        found = []
+        bounds = []
         for end in (min(span.low, is_m), max(span.high, is_m)):
             steps = np.linspace(is_m, end, max(2, math.ceil(abs(end - is_m) / _STEP_M) + 1))
             poses = [place_at(float(distance)) for distance in steps]
@@ -92,8 +92,8 @@ class Waiting:
             )
             leaves = way_excess_m(x, y, yaw, self.one.size, self.run.geofence) > 0.0
             count = int(np.argmax(leaves)) if leaves.any() else len(steps)
-            found.append(float(steps[max(count - 1, 0)]))
-        return Span(max(span.low, found[0]), min(span.high, found[1]))
+            bounds.append(float(steps[max(count - 1, 0)]))
+        return Span(max(span.low, bounds[0]), min(span.high, bounds[1]))
 
 
 def drawn_kerb(

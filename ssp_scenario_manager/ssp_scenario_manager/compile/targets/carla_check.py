@@ -72,9 +72,9 @@ def _ground(carla: Any, chart: Any, place: Place) -> Any:
 
     CARLA makes ground of strips of type ``none`` too, but finds them only as neighbours.
     """
-    found = _under(carla, chart, place, carla.LaneType.Any)
-    if found is not None:
-        return found
+    waypoint = _under(carla, chart, place, carla.LaneType.Any)
+    if waypoint is not None:
+        return waypoint
     nearest = chart.get_waypoint(
         carla.Location(**place),
         project_to_road=True,
@@ -87,8 +87,8 @@ def _ground(carla: Any, chart: Any, place: Place) -> Any:
 
 
 def _off_m(waypoint: Any, place: Place) -> float:
-    found = waypoint.transform.location
-    return math.hypot(found.x - place["x"], found.y - place["y"])
+    location = waypoint.transform.location
+    return math.hypot(location.x - place["x"], location.y - place["y"])
 
 
 def _stands(carla: Any, chart: Any, actor: dict[str, Any]) -> list[str]:

@@ -158,19 +158,19 @@ def check_out(out: Path, *, replace: bool) -> None:
     if real == Path.cwd() or real.is_mount():
         what = "the folder here" if real == Path.cwd() else "a mount"
         raise InputError(f"is {what}", file=out, remedy="name a new folder within it with --out")
-    held = sorted(entry.name for entry in out.iterdir())
-    if not held:
+    names = sorted(entry.name for entry in out.iterdir())
+    if not names:
         return
     if not replace:
         raise InputError(
             "is not empty", file=out, remedy="name a new folder with --out, or give --force"
         )
-    foreign = [name for name in held if not _ours(name)]
-    if TASK_FILE not in held or RUN_FILE not in held or foreign:
+    foreign = [name for name in names if not _ours(name)]
+    if TASK_FILE not in names or RUN_FILE not in names or foreign:
         raise InputError(
             "holds something that no compilation made",
             file=out,
-            value=", ".join(foreign or held),
+            value=", ".join(foreign or names),
             remedy="name another folder with --out",
         )
     if any(record.kind == "site_change" for record in read_log(out / LOG_FILE)):
@@ -306,21 +306,21 @@ def _check_folder(source: Path, run_file: Path, task: Task, run: RunSpec) -> Non
     Raises:
         InputError: it doesn't.
     """
-    found = load_event(str(source / EVENT_FILE))[1]
+    event_version = load_event(str(source / EVENT_FILE))[1]
     links = [
-        (source / EVENT_FILE, "content", found, task.event.version),
+        (source / EVENT_FILE, "content", event_version, task.event.version),
         (run_file, "task_version", run.task_version, task.version),
         (run_file, "event_version", run.event_version, task.event.version),
     ]
     if task.place.kind == "site":
         site = load_site(str(source / SITE_FILE))[1]
         links.append((source / SITE_FILE, "content", site, task.place.sha256))
-    for file, field, value, wanted in links:
-        if value != wanted:
+    for file, field, value, required_value in links:
+        if value != required_value:
             raise InputError(
                 "is not what the task was compiled from",
                 file=file,
                 field=field,
                 value=value,
-                remedy=f"{wanted} is needed; compile the event again",
+                remedy=f"{required_value} is needed; compile the event again",
             )

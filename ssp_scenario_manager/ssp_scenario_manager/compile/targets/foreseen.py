@@ -137,7 +137,7 @@ def foresee(run: RunSpec) -> ForeseenSession:
         )
     vut = record.truths(run.vut.id)
     over_s = _over_s(run, result, ns_to_seconds(vut[-1].stamp_ns))
-    kept = [
+    samples = [
         (t, state.speed_mps, driven_m)
         for state, (t, driven_m) in zip(vut, _course(vut), strict=True)
         if t > 0.0 and (over_s is None or t <= over_s)
@@ -145,8 +145,8 @@ def foresee(run: RunSpec) -> ForeseenSession:
     fired_ns = result.triggers[0].crossing_ns
     initiator = record.truths(run.initiator_id)
     return ForeseenSession(
-        speeds=((0.0, 0.0), *((t, v) for t, v, _ in kept)),
-        driven_m=(0.0, *(driven_m for _, _, driven_m in kept)),
+        speeds=((0.0, 0.0), *((t, v) for t, v, _ in samples)),
+        driven_m=(0.0, *(driven_m for _, _, driven_m in samples)),
         over_s=over_s,
         poses={
             who.id: _pose_at(record.truths(who.id), fired_ns) for who in (run.vut, *run.targets)
@@ -219,20 +219,20 @@ def gaps_m(run: RunSpec, tracks: Mapping[str, FloatArray], times: FloatArray) ->
         poses.append([Pose2(*map(float, row)) for row in zip(*columns, strict=True)])
     if other.approach is None or run.vut.approach is None:
         boxes = [
-            [Box(pose, who.size.front_m, who.size.rear_m, who.size.width_m) for pose in found]
-            for who, found in zip((run.vut, other), poses, strict=True)
+            [Box(pose, who.size.front_m, who.size.rear_m, who.size.width_m) for pose in own_poses]
+            for who, own_poses in zip((run.vut, other), poses, strict=True)
         ]
         return np.array([box_distance(a, b) for a, b in zip(*boxes, strict=True)])
     path = Polyline(run.vut.approach.path)
     here, there = (
-        np.array([s for s, _ in path.project_all_beyond([(p.x_m, p.y_m) for p in found])])
-        for found in poses
+        np.array([s for s, _ in path.project_all_beyond([(p.x_m, p.y_m) for p in own_poses])])
+        for own_poses in poses
     )
     gaps: FloatArray = there - other.size.rear_m - here - run.vut.size.front_m
     return gaps
 
 
-def shorter_m(run: RunSpec, seen: ForeseenSession, other: ParticipantSpec) -> float:
+def shorter_m(run: RunSpec, session: ForeseenSession, other: ParticipantSpec) -> float:
     """Compute by how much a player's bumper gap is less than a session's when the trigger fires, m.
 
     A session measures along the VUT's path. A player measures along the VUT's heading, from its
@@ -240,7 +240,11 @@ def shorter_m(run: RunSpec, seen: ForeseenSession, other: ParticipantSpec) -> fl
     """
     if run.vut.approach is None:
         raise ValueError("the VUT has no path")
-    path, vut, there = Polyline(run.vut.approach.path), seen.poses[run.vut.id], seen.poses[other.id]
+    path, vut, there = (
+        Polyline(run.vut.approach.path),
+        session.poses[run.vut.id],
+        session.poses[other.id],
+    )
     ahead, _ = path.project_beyond(there.x_m, there.y_m)
     here, _ = path.project_beyond(vut.x_m, vut.y_m)
     size = other.size
@@ -250,17 +254,17 @@ def shorter_m(run: RunSpec, seen: ForeseenSession, other: ParticipantSpec) -> fl
     return (ahead - size.rear_m - here) - min(x for x, _ in corners)
 
 
-def straight_share(run: RunSpec, seen: ForeseenSession, anchor: tuple[float, float]) -> float:
+def straight_share(run: RunSpec, session: ForeseenSession, anchor: tuple[float, float]) -> float:
     """Return a player's distance to an anchor, straight, over a session's, along the VUT's path.
 
     Args:
         run: the compiled run.
-        seen: the session that is foreseen.
+        session: the session that is foreseen.
         anchor: that the VUT's front reaches, frame map.
     """
     if run.vut.approach is None:
         raise ValueError("the VUT has no path")
-    path, vut = Polyline(run.vut.approach.path), seen.poses[run.vut.id]
+    path, vut = Polyline(run.vut.approach.path), session.poses[run.vut.id]
     there = path.project(*anchor)[0] - run.vut.size.front_m
     here = path.project(vut.x_m, vut.y_m)[0]
     place = path.pose(there)

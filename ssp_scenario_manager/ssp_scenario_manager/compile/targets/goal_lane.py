@@ -122,7 +122,7 @@ def lane_beside(map_data: bytes, start: Pose2, ids: int) -> Beside:
 
 def _place(map_data: bytes, pose: Pose2) -> _Place | None:
     """Find the road in whose lane a pose lies; of several the one whose middle is nearest."""
-    found = []
+    places = []
     for element in safe_xml.fromstring(map_data).iter("road"):
         if not _may_hold(element, pose):
             continue
@@ -133,8 +133,8 @@ def _place(map_data: bytes, pose: Pose2) -> _Place | None:
                 f"its <{error.element.tag}> {error.problem}", remedy="mend the map, or give another"
             ) from error
         if one is not None:
-            found.append(one)
-    return min(found, key=lambda one: abs(one.t_m - one.own.centre_m), default=None)
+            places.append(one)
+    return min(places, key=lambda one: abs(one.t_m - one.own.centre_m), default=None)
 
 
 def _may_hold(road: Element, pose: Pose2) -> bool:

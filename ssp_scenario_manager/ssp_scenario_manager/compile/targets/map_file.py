@@ -81,10 +81,10 @@ class Heights:
         """
         if not len(self._samples):
             return 0.0
-        found = self._own_sample(place)
-        if found is None:
-            found = _nearest(self._samples, place)
-        x, y, index, s, _, _ = map(float, found)
+        sample = self._own_sample(place)
+        if sample is None:
+            sample = _nearest(self._samples, place)
+        x, y, index, s, _, _ = map(float, sample)
         apart = math.hypot(x - place[0], y - place[1])
         if apart > _FARTHEST_M:
             raise InputError(
@@ -107,17 +107,17 @@ class Heights:
             own = own[np.abs(np.sin(own[:, 4] - yaw)) < _SAME_WAY]
         if not len(own):
             return None
-        found = _nearest(own, place)
-        if math.hypot(found[0] - place[0], found[1] - place[1]) > _FARTHEST_M:
+        sample = _nearest(own, place)
+        if math.hypot(sample[0] - place[0], sample[1] - place[1]) > _FARTHEST_M:
             return None
-        ahead = Pose2(found[0], found[1], found[4]).to_local(*place)[0]
-        return None if found[5] * ahead > _SAMPLE_M else found
+        ahead = Pose2(sample[0], sample[1], sample[4]).to_local(*place)[0]
+        return None if sample[5] * ahead > _SAMPLE_M else sample
 
 
 def _nearest(samples: FloatArray, place: Point) -> FloatArray:
     apart = np.hypot(samples[:, 0] - place[0], samples[:, 1] - place[1])
-    found: FloatArray = samples[int(np.argmin(apart))]
-    return found
+    sample: FloatArray = samples[int(np.argmin(apart))]
+    return sample
 
 
 def _samples(index: int, road: RoadRecord) -> FloatArray:

@@ -267,8 +267,8 @@ def _is_on(block: Block, line: ReferenceLine, length_m: float, y_m: float) -> li
     ends = np.array([line.to_map(s_m, y_m) for s_m in (0.0, length_m)])
     local = block.line.to_local_many(ends)
     on_block = (local[:, 1] > block.right_edge_m) & (local[:, 1] < block.left_edge_m)
-    found: list[bool] = on_block.tolist()
-    return found
+    flags: list[bool] = on_block.tolist()
+    return flags
 
 
 def _off_block(block: Block, roads: Sequence[JunctionRoad]) -> Iterator[Block]:
@@ -288,17 +288,19 @@ def _off_block(block: Block, roads: Sequence[JunctionRoad]) -> Iterator[Block]:
         same = not turns and all(_is_on(block, line, road.length_m, middle_m))
         if same or not lanes:
             continue
-        made = [
+        block_lanes = [
             BlockLane(lane.y_m, lane.width_m, lane.direction == "forward", f"lane {i}")
             for i, lane in enumerate(lanes)
         ]
-        if not any(lane.forward for lane in made):
+        if not any(lane.forward for lane in block_lanes):
             line = line.reversed()
-            made = [replace(one, y_m=-one.y_m, forward=True) for one in reversed(made)]
+            block_lanes = [
+                replace(one, y_m=-one.y_m, forward=True) for one in reversed(block_lanes)
+            ]
         yield Block(
             block_id=f"{block.junction} {number}",
             line=line,
-            lanes=tuple(made),
+            lanes=tuple(block_lanes),
             road_type=block.road_type,
             segment="junction",
             left_boundary="any",

@@ -102,13 +102,13 @@ def export_openscenario(task: Task, block: Block, map_text: str | None, folder: 
             trigger never fires, or the scenario would show another gap than a session.
     """
     chart = map_file(task, block, map_text)
-    seen = foresee(task.run)
+    session = foresee(task.run)
     files = {
-        f"{task.event.name}.xosc": scenario_xml(task, chart, seen, external=False),
-        f"{task.event.name}_external.xosc": scenario_xml(task, chart, seen, external=True),
+        f"{task.event.name}.xosc": scenario_xml(task, chart, session, external=False),
+        f"{task.event.name}_external.xosc": scenario_xml(task, chart, session, external=True),
         chart.name: chart.data,
     }
-    _check_gap(task.run, files[f"{task.event.name}.xosc"], chart, block, seen)
+    _check_gap(task.run, files[f"{task.event.name}.xosc"], chart, block, session)
     for name, data in files.items():
         write_bytes(folder / name, data)
     return [folder / name for name in files]
@@ -120,7 +120,7 @@ _EVERY_S = 0.1
 
 
 def _check_gap(
-    run: RunSpec, scenario: bytes, chart: MapFile, block: Block, seen: ForeseenSession
+    run: RunSpec, scenario: bytes, chart: MapFile, block: Block, session: ForeseenSession
 ) -> None:
     """Play a scenario and hold the gap between VUT and initiator against the session's.
 
@@ -129,7 +129,7 @@ def _check_gap(
     """
     played = play(scenario, chart.data, block.line)
     times = np.arange(_EVERY_S, played[run.vut.id][-1, 0], _EVERY_S)
-    errors = gaps_m(run, played, times) - gaps_m(run, seen.tracks, times)
+    errors = gaps_m(run, played, times) - gaps_m(run, session.tracks, times)
     worst = int(np.argmax(np.abs(errors)))
     if not abs(errors[worst]) <= MOST_GAP_ERROR_M:
         raise InputError(
@@ -138,15 +138,15 @@ def _check_gap(
             f"{MOST_GAP_ERROR_M:g} m",
             field="block",
             value=block.block_id,
-            remedy=_remedy(run, seen, float(times[worst])),
+            remedy=_remedy(run, session, float(times[worst])),
         )
 
 
-def _remedy(run: RunSpec, seen: ForeseenSession, at_s: float) -> str:
+def _remedy(run: RunSpec, session: ForeseenSession, at_s: float) -> str:
     """Return the remedy of a gap that differs, by what a storyboard doesn't show."""
     triggers = [trigger.model_copy(update={"adaptation": None}) for trigger in run.triggers]
     plain = foresee(run.model_copy(update={"triggers": triggers}))
-    moved_m = seen.driven_m_of_initiator(at_s) - plain.driven_m_of_initiator(at_s)
+    moved_m = session.driven_m_of_initiator(at_s) - plain.driven_m_of_initiator(at_s)
     if abs(moved_m) <= MOST_GAP_ERROR_M:
         return "choose a block that bends less, or milder values in part C"
     return (
@@ -156,13 +156,13 @@ def _remedy(run: RunSpec, seen: ForeseenSession, at_s: float) -> str:
     )
 
 
-def scenario_xml(task: Task, chart: MapFile, seen: ForeseenSession, *, external: bool) -> bytes:
+def scenario_xml(task: Task, chart: MapFile, session: ForeseenSession, *, external: bool) -> bytes:
     """Return the scenario as XML.
 
     Args:
         task: with its run.
         chart: the map beside it, with heights.
-        seen: the session that is foreseen.
+        session: the session that is foreseen.
         external: the VUT stands until the user's controller drives it; else it drives in its lane
             at the speeds of a session, whatever it meets.
     """
@@ -182,7 +182,7 @@ def scenario_xml(task: Task, chart: MapFile, seen: ForeseenSession, *, external:
         f"SSP, {facts['compiler']}",
         xosc.ParameterDeclarations(),
         entities,
-        _storyboard(run, chart, seen, external),
+        _storyboard(run, chart, session, external),
         xosc.RoadNetwork(chart.name),
         xosc.Catalog(),
         osc_minor_version=MINOR_VERSION,
@@ -192,7 +192,7 @@ def scenario_xml(task: Task, chart: MapFile, seen: ForeseenSession, *, external:
 
 
 def _storyboard(
-    run: RunSpec, chart: MapFile, seen: ForeseenSession, external: bool
+    run: RunSpec, chart: MapFile, session: ForeseenSession, external: bool
 ) -> xosc.StoryBoard:
     route, heights = path_of(run.vut), chart.heights
     init = xosc.Init()
@@ -206,18 +206,18 @@ def _storyboard(
         init.add_init_action(VUT_ID, outside_control())
 
     # When the event is over depends on how the VUT drives: in the external file nobody knows.
-    over_s = None if external else seen.over_s
+    over_s = None if external else session.over_s
 
     def stop(name: str) -> xosc.Trigger:
         return stop_at(name, journey(route).braking_from_m, run.end.at_latest_s, over_s)
 
-    groups = [] if external else [_vut_drive(run, seen, heights)]
-    groups += [_approach(who, run, seen) for who in run.targets if who.approach is not None]
+    groups = [] if external else [_vut_drive(run, session, heights)]
+    groups += [_approach(who, run, session) for who in run.targets if who.approach is not None]
     acts = []
     if groups:
         acts.append(_act("approach", after("approach_starts", 0.0), stop("approach"), groups))
     for trigger in run.triggers:
-        name, group = f"act_{trigger.id}", _manoeuvre(run, trigger, chart, seen, external)
+        name, group = f"act_{trigger.id}", _manoeuvre(run, trigger, chart, session, external)
         if group is None:
             continue
         start = after(f"{trigger.id}_not_before", trigger.not_before_s)
@@ -270,15 +270,15 @@ def _event(name: str, start: Start, *actions: _Action) -> xosc.Event:
     return event
 
 
-def _vut_drive(run: RunSpec, seen: ForeseenSession, heights: Heights) -> xosc.ManeuverGroup:
+def _vut_drive(run: RunSpec, session: ForeseenSession, heights: Heights) -> xosc.ManeuverGroup:
     """Return the VUT's speeds as the SIL's driver drives, leg by leg.
 
     A VUT that turns at a junction follows its way of the session. A player would go straight on
     over a map's junction, and it doesn't cut a turn as the driver does, which shifts the conflict
     zone.
     """
-    found = matched(legs(seen.speeds), seen.speeds, seen.driven_m)
-    way = _way(seen.tracks[VUT_ID])
+    speed_legs = matched(legs(session.speeds), session.speeds, session.driven_m)
+    way = _way(session.tracks[VUT_ID])
     first: list[_Action] = [_follow("vut_way", way, heights)] if _turns(run) else []
     events = [
         _event(
@@ -287,7 +287,7 @@ def _vut_drive(run: RunSpec, seen: ForeseenSession, heights: Heights) -> xosc.Ma
             *(first if i == 0 else ()),
             _speed(leg.change),
         )
-        for i, leg in enumerate(found)
+        for i, leg in enumerate(speed_legs)
     ]
     return _group(VUT_ID, "vut_drive", events)
 
@@ -327,16 +327,16 @@ def _at(name: str, time_s: float) -> xosc.ValueTrigger:
     return after(name, round(max(0.0, time_s - PLAYER_LAG_S), 3))
 
 
-def _approach(who: ParticipantSpec, run: RunSpec, seen: ForeseenSession) -> xosc.ManeuverGroup:
+def _approach(who: ParticipantSpec, run: RunSpec, session: ForeseenSession) -> xosc.ManeuverGroup:
     name, faster = f"{who.id}_approach", journey(path_of(who)).start
     if who.id == run.initiator_id:
-        faster = seen.approach(faster, TARGET_START_S)
+        faster = session.approach(faster, TARGET_START_S)
     start = _at(f"{name}_starts", TARGET_START_S)
     return _group(who.id, name, [_event(name, start, _speed(faster))])
 
 
 def _manoeuvre(
-    run: RunSpec, trigger: TriggerSpec, chart: MapFile, seen: ForeseenSession, external: bool
+    run: RunSpec, trigger: TriggerSpec, chart: MapFile, session: ForeseenSession, external: bool
 ) -> xosc.ManeuverGroup | None:
     """Return what a trigger sets off; None: the object goes on as it came."""
     who = next(t for t in run.targets if t.id == trigger.object_id)
@@ -344,33 +344,37 @@ def _manoeuvre(
     if isinstance(manoeuvre, Hold):
         return None
     if isinstance(manoeuvre, LaneChange) and _keeps_speed(who, manoeuvre):
-        return _steady_lane_change(run, trigger, who, manoeuvre, chart, seen, external)
+        return _steady_lane_change(run, trigger, who, manoeuvre, chart, session, external)
     delay_s = max(trigger.lead_time_s, ACT_DELAY_S)
-    start = firing(run, trigger, delay_s, seen, chart.heights)
+    start = firing(run, trigger, delay_s, session, chart.heights)
     if isinstance(manoeuvre, FollowPath):
-        faster = _first_ramp(manoeuvre.motion, delay_s + FIRING_LAG_S, seen)
-        points = _led_along(who, manoeuvre.motion, seen)
+        faster = _first_ramp(manoeuvre.motion, delay_s + FIRING_LAG_S, session)
+        points = _led_along(who, manoeuvre.motion, session)
         walk = _walk(who, name, manoeuvre.motion, points, start, faster, chart.heights)
         return _group(who.id, name, walk)
     cruise, starts_s = path_of(who).cruise_mps, delay_s + FIRING_LAG_S
     to_mps = manoeuvre.to_mps if isinstance(manoeuvre, Brake) else manoeuvre.cruise_mps
     nominal = ramp(cruise, to_mps, manoeuvre.deceleration_mps2)
-    slower = seen.act(cruise, nominal, starts_s)
+    slower = session.act(cruise, nominal, starts_s)
     if isinstance(manoeuvre, Brake):
         return _group(who.id, name, [_event(name, start, _speed(slower))])
-    shift = _lane_change(who, chart, seen, manoeuvre, slower)
+    shift = _lane_change(who, chart, session, manoeuvre, slower)
     return _group(who.id, name, [_event(name, start, shift, _speed(slower))])
 
 
 def _lane_change(
-    who: ParticipantSpec, chart: MapFile, seen: ForeseenSession, manoeuvre: LaneChange, slower: Ramp
+    who: ParticipantSpec,
+    chart: MapFile,
+    session: ForeseenSession,
+    manoeuvre: LaneChange,
+    slower: Ramp,
 ) -> xosc.RelativeLaneChangeAction:
     """Lead sideways to the goal lane over the distance that is driven in the planned time.
 
     ScenarioRunner knows a lane change's distance and relative goals only. The sine is the player's
     shape nearest to a session's quintic.
     """
-    goal = goal_lane(chart.data, seen.poses[who.id], manoeuvre.lateral_shift_m)
+    goal = goal_lane(chart.data, session.poses[who.id], manoeuvre.lateral_shift_m)
     distance = distance_during(path_of(who).cruise_mps, slower, manoeuvre.duration_s)
     dynamics = xosc.TransitionDynamics(
         xosc.DynamicsShapes.sinusoidal, xosc.DynamicsDimension.distance, distance
@@ -389,7 +393,7 @@ def _steady_lane_change(
     who: ParticipantSpec,
     manoeuvre: LaneChange,
     chart: MapFile,
-    seen: ForeseenSession,
+    session: ForeseenSession,
     external: bool,
 ) -> xosc.ManeuverGroup:
     """Return a lane change at constant speed along the lane.
@@ -400,32 +404,32 @@ def _steady_lane_change(
     the speed stays as it is.
     """
     name, cruise = trigger.id, path_of(who).cruise_mps
-    start = firing(run, trigger, trigger.lead_time_s, seen, chart.heights)
-    shift = _lane_change(who, chart, seen, manoeuvre, ramp(cruise, cruise, 1.0))
+    start = firing(run, trigger, trigger.lead_time_s, session, chart.heights)
+    shift = _lane_change(who, chart, session, manoeuvre, ramp(cruise, cruise, 1.0))
     if external:
         return _group(who.id, name, [_event(name, start, shift)])
     lane_m = cruise * manoeuvre.duration_s
     share = sine_length_m(lane_m, manoeuvre.lateral_shift_m) / lane_m
-    over_s = seen.fired_s + trigger.lead_time_s + FIRING_LAG_S + manoeuvre.duration_s
+    over_s = session.fired_s + trigger.lead_time_s + FIRING_LAG_S + manoeuvre.duration_s
     faster, back = (Ramp(round(v, 3), _RAISED_OVER_S) for v in (share * cruise, cruise))
     after_it = _event(f"{name}_over", _at(f"{name}_is_over", over_s), _speed(back))
     return _group(who.id, name, [_event(name, start, shift, _speed(faster)), after_it])
 
 
-def _first_ramp(motion: Motion, starts_s: float, seen: ForeseenSession) -> Ramp:
+def _first_ramp(motion: Motion, starts_s: float, session: ForeseenSession) -> Ramp:
     """Return the speed from standstill on of a path of its own, as the session plays it.
 
     Args:
         motion: along its path.
         starts_s: when a player begins it, s after the trigger fires.
-        seen: the session.
+        session: the session.
     """
     trip = journey(motion)
-    kept = seen.kept(trip.start, starts_s, trip.braking_from_m)
-    return seen.act(0.0, kept, starts_s)
+    start_ramp = session.kept(trip.start, starts_s, trip.braking_from_m)
+    return session.act(0.0, start_ramp, starts_s)
 
 
-def _led_along(who: ParticipantSpec, motion: Motion, seen: ForeseenSession) -> list[_TimedPoint]:
+def _led_along(who: ParticipantSpec, motion: Motion, session: ForeseenSession) -> list[_TimedPoint]:
     """Return the points of a path of its own, as (t in s, x, y).
 
     A vehicle cuts the bends of its path in a session. If they lead to both sides, as through a
@@ -433,9 +437,9 @@ def _led_along(who: ParticipantSpec, motion: Motion, seen: ForeseenSession) -> l
     0.1 s: it follows its way of the session, and from where that ends on the path.
     """
     planned, path = times_along(motion), Polyline(motion.path)
-    if who.id not in seen.tracks or not _bends_both_ways(motion):
+    if who.id not in session.tracks or not _bends_both_ways(motion):
         return planned
-    way = _way(seen.tracks[who.id])
+    way = _way(session.tracks[who.id])
     last_s, *last = way[-1]
     done_m, _ = path.project(*last)
     late_s = last_s - float(np.interp(done_m, path.stations_m, [t for t, _, _ in planned]))

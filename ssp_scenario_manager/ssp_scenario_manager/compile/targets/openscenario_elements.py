@@ -75,13 +75,15 @@ def _box(size: Size) -> xosc.BoundingBox:
 def entity(who: ParticipantSpec) -> xosc.Vehicle | xosc.Pedestrian:
     """Return a participant as OpenSCENARIO 1.0 has it, named by its CARLA blueprint."""
     facts, box = CLASSES[who.object_class], _box(who.size)
-    made: xosc.Vehicle | xosc.Pedestrian
+    participant: xosc.Vehicle | xosc.Pedestrian
     if facts.category is None:
         walks = xosc.PedestrianCategory.pedestrian
-        made = xosc.Pedestrian(who.object_class, facts.mass_kg, walks, box, model=facts.blueprint)
+        participant = xosc.Pedestrian(
+            who.object_class, facts.mass_kg, walks, box, model=facts.blueprint
+        )
     else:
         wheel, track = facts.wheel_m, facts.track_m
-        made = xosc.Vehicle(
+        participant = xosc.Vehicle(
             facts.blueprint,
             facts.category,
             box,
@@ -91,8 +93,8 @@ def entity(who: ParticipantSpec) -> xosc.Vehicle | xosc.Pedestrian:
             facts.acceleration_mps2,
             facts.deceleration_mps2,
         )
-    made.add_property("type", "ego_vehicle" if who.id == VUT_ID else "simulation")
-    return made
+    participant.add_property("type", "ego_vehicle" if who.id == VUT_ID else "simulation")
+    return participant
 
 
 def position(place: Point, heights: Heights, yaw_rad: float | None = None) -> xosc.WorldPosition:
@@ -158,7 +160,7 @@ def stop_at(
 
 
 def firing(
-    run: RunSpec, trigger: TriggerSpec, delay_s: float, seen: ForeseenSession, heights: Heights
+    run: RunSpec, trigger: TriggerSpec, delay_s: float, session: ForeseenSession, heights: Heights
 ) -> Start:
     """Return the condition that starts a trigger's act, asked of the VUT.
 
@@ -168,8 +170,8 @@ def firing(
     condition, less = asked_of(trigger), xosc.Rule.lessThan
     if isinstance(condition, RelativeDistance):
         other = next(t for t in run.targets if t.id == condition.object_id)
-        below = condition.below_m - shorter_m(run, seen, other)
-        asked = xosc.RelativeDistanceCondition(
+        below = condition.below_m - shorter_m(run, session, other)
+        entity_condition = xosc.RelativeDistanceCondition(
             condition.below_m if abs(below - condition.below_m) < _SAME else round(below, 3),
             less,
             xosc.RelativeDistanceType.longitudinal,
@@ -181,8 +183,8 @@ def firing(
         path = Polyline(path_of(run.vut).path)
         station, _ = path.project(*condition.anchor)
         place = path.pose(station - run.vut.size.front_m)
-        below = condition.below_s * straight_share(run, seen, condition.anchor)
-        asked = xosc.TimeToCollisionCondition(
+        below = condition.below_s * straight_share(run, session, condition.anchor)
+        entity_condition = xosc.TimeToCollisionCondition(
             condition.below_s if abs(below - condition.below_s) < _SAME else round(below, 3),
             less,
             alongroute=False,
@@ -190,4 +192,4 @@ def firing(
             position=position((place.x_m, place.y_m), heights, place.yaw_rad),
         )
     name = f"{trigger.id}_fires"
-    return xosc.EntityTrigger(name, delay_s, xosc.ConditionEdge.none, asked, VUT_ID)
+    return xosc.EntityTrigger(name, delay_s, xosc.ConditionEdge.none, entity_condition, VUT_ID)

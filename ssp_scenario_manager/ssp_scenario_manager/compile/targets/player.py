@@ -29,10 +29,10 @@ class NotOfSubset(Exception):
 
 
 def _only(element: Element, path: str = "*") -> Element:
-    found = element.findall(path)
-    if len(found) != 1:
-        raise NotOfSubset(f"{len(found)} × {path} in <{element.tag}>")
-    return found[0]
+    children = element.findall(path)
+    if len(children) != 1:
+        raise NotOfSubset(f"{len(children)} × {path} in <{element.tag}>")
+    return children[0]
 
 
 def _number(element: Element, path: str, name: str = "value") -> float:
@@ -195,17 +195,17 @@ class _Player:
         if kind.tag == "ByValueCondition":
             return self._t > _number(kind, "SimulationTimeCondition")
         body = self._bodies[_only(kind, "TriggeringEntities/EntityRef").attrib["entityRef"]]
-        asked = _only(kind, "EntityCondition/*")
-        value = float(asked.attrib["value"])
-        if asked.tag == "TraveledDistanceCondition":
+        entity_condition = _only(kind, "EntityCondition/*")
+        value = float(entity_condition.attrib["value"])
+        if entity_condition.tag == "TraveledDistanceCondition":
             return body.driven_m > value
-        if asked.tag == "RelativeDistanceCondition":
-            return self._ahead_m(body, self._bodies[asked.attrib["entityRef"]]) < value
-        if asked.tag == "TimeToCollisionCondition":
-            place = _only(asked, ".//WorldPosition").attrib
+        if entity_condition.tag == "RelativeDistanceCondition":
+            return self._ahead_m(body, self._bodies[entity_condition.attrib["entityRef"]]) < value
+        if entity_condition.tag == "TimeToCollisionCondition":
+            place = _only(entity_condition, ".//WorldPosition").attrib
             away = math.dist((body.pose.x_m, body.pose.y_m), (float(place["x"]), float(place["y"])))
             return body.speed_mps > 1e-6 and away / body.speed_mps < value
-        raise NotOfSubset(asked.tag)
+        raise NotOfSubset(entity_condition.tag)
 
     @staticmethod
     def _ahead_m(body: _Body, other: _Body) -> float:
@@ -220,22 +220,22 @@ class _Player:
     # -- actions -------------------------------------------------------------------------------
 
     def _start(self, body: _Body, action: Element) -> None:
-        found = _only(action)
-        if found.tag == "SpeedAction":
-            self._start_speed(body, found)
-        elif found.tag == "LaneChangeAction":
-            target = _only(found, "LaneChangeTarget/RelativeTargetLane")
+        element = _only(action)
+        if element.tag == "SpeedAction":
+            self._start_speed(body, element)
+        elif element.tag == "LaneChangeAction":
+            target = _only(element, "LaneChangeTarget/RelativeTargetLane")
             shift_m = lane_beside(self._map, body.pose, int(target.attrib["value"]))
             # The offset is to the left of the map's road, as is the goal lane's middle.
-            offset_m = float(found.attrib.get("targetLaneOffset", 0.0)) * shift_m.along
-            distance_m = _number(found, "LaneChangeActionDynamics")
+            offset_m = float(element.attrib.get("targetLaneOffset", 0.0)) * shift_m.along
+            distance_m = _number(element, "LaneChangeActionDynamics")
             goal = body.l_m + shift_m.shift_m + offset_m
             body.shift = _Shift(body.l_m, goal, distance_m)
-        elif found.tag == "FollowTrajectoryAction":
-            places = [e.attrib for e in found.iterfind(".//Vertex//WorldPosition")]
+        elif element.tag == "FollowTrajectoryAction":
+            places = [e.attrib for e in element.iterfind(".//Vertex//WorldPosition")]
             body.path = Polyline([(float(at["x"]), float(at["y"])) for at in places])
         else:
-            raise NotOfSubset(found.tag)
+            raise NotOfSubset(element.tag)
 
     def _start_speed(self, body: _Body, action: Element) -> None:
         begin_s, from_mps = self._t, body.speed_mps

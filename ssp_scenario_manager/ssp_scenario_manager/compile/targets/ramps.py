@@ -88,7 +88,7 @@ _WAY_WEIGHT = 5.0
 
 
 def matched(
-    found: Sequence[Leg], speeds: Sequence[tuple[float, float]], driven_m: Sequence[float]
+    ramp_legs: Sequence[Leg], speeds: Sequence[tuple[float, float]], driven_m: Sequence[float]
 ) -> list[Leg]:
     """Change the speeds of straight ramps so that the distance driven is the course's too.
 
@@ -96,22 +96,22 @@ def matched(
     are those of the least squares of both errors.
 
     Args:
-        found: ramps that follow one another from the course's first time on.
+        ramp_legs: ramps that follow one another from the course's first time on.
         speeds: the course, (t in s, m/s).
         driven_m: distance since its beginning at these times.
     """
-    times, wanted = np.array(speeds).T
-    knots = [found[0].start_s, *(leg.start_s + leg.change.duration_s for leg in found)]
+    times, course_mps = np.array(speeds).T
+    knots = [ramp_legs[0].start_s, *(leg.start_s + leg.change.duration_s for leg in ramp_legs)]
     hats = np.stack([np.interp(times, knots, row) for row in np.eye(len(knots))], axis=1)
     steps = 0.5 * (hats[1:] + hats[:-1]) * np.diff(times)[:, None]
     ways = np.concatenate([np.zeros((1, len(knots))), np.cumsum(steps, axis=0)])
     rows = np.concatenate([hats, _WAY_WEIGHT * ways])
-    goals = np.concatenate([wanted, _WAY_WEIGHT * (np.array(driven_m) - driven_m[0])])
-    rest = goals - rows[:, 0] * wanted[0]
+    goals = np.concatenate([course_mps, _WAY_WEIGHT * (np.array(driven_m) - driven_m[0])])
+    rest = goals - rows[:, 0] * course_mps[0]
     fitted = np.linalg.lstsq(rows[:, 1:], rest, rcond=None)[0]
     return [
         Leg(leg.start_s, Ramp(max(0.0, round(float(speed), 3)), leg.change.duration_s))
-        for leg, speed in zip(found, fitted, strict=True)
+        for leg, speed in zip(ramp_legs, fitted, strict=True)
     ]
 
 

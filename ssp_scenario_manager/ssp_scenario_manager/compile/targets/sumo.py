@@ -97,7 +97,7 @@ def _routes(run: RunSpec, lanes: Sequence[LanePlace]) -> ElementTree.Element:
 def _type(name: str, object_class: ObjectClass, cruise_mps: float | None) -> ElementTree.Element:
     """Return the participant's own type, which holds its cruising speed."""
     size = DEFAULT_SIZES[object_class]
-    given = {
+    attributes = {
         "id": f"{name}_type",
         "vClass": SUMO_CLASSES[object_class],
         "length": f"{size.length_m:g}",
@@ -105,10 +105,10 @@ def _type(name: str, object_class: ObjectClass, cruise_mps: float | None) -> Ele
         "height": f"{size.height_m:g}",
     }
     if object_class is not ObjectClass.PEDESTRIAN:
-        given |= {"sigma": "0", "speedDev": "0", **_STAYS}
+        attributes |= {"sigma": "0", "speedDev": "0", **_STAYS}
         if cruise_mps:
-            given["maxSpeed"] = f"{cruise_mps:g}"
-    return ElementTree.Element("vType", given)
+            attributes["maxSpeed"] = f"{cruise_mps:g}"
+    return ElementTree.Element("vType", attributes)
 
 
 def _participant(

@@ -79,9 +79,9 @@ class TopView:
 def top_view(task: Task) -> TopView:
     """Draw a task from above."""
     areas, lines = _areas(task), _lines(task)
-    shown = [place for kind, outline in areas if kind != "fence" for place in outline]
-    shown += [place for _, line in lines for place in line]
-    view = RoadView(task.run.road, shown + list(task.geofence))
+    points = [place for kind, outline in areas if kind != "fence" for place in outline]
+    points += [place for _, line in lines for place in line]
+    view = RoadView(task.run.road, points + list(task.geofence))
     marks = [
         ("vut" if name == VUT_ID else "ot", f"{name} starts", _at(anchors.start))
         for name, anchors in sorted(task.anchors.items())
@@ -90,11 +90,11 @@ def top_view(task: Task) -> TopView:
         ("fire", "VUT when the trigger fires", _at(task.trigger.expected)),
         ("zone", "conflict point", _at(task.anchors[VUT_ID].conflict)),
     ]
-    drawn = [(kind, view.points(line)) for kind, line in lines]
+    lines_px = [(kind, view.points(line)) for kind, line in lines]
     placed = [(kind, text, view.points([place])[0]) for kind, text, place in marks]
     beside: list[Label] = []
     for k, corner in enumerate(view.points(task.geofence), 1):
-        label = _beside(Label("fence", f"F{k}", (0.0, 0.0), corner), drawn, beside)
+        label = _beside(Label("fence", f"F{k}", (0.0, 0.0), corner), lines_px, beside)
         if label is None:
             placed.append(("fence", f"F{k}", corner))
         else:
@@ -103,7 +103,7 @@ def top_view(task: Task) -> TopView:
     return TopView(
         (0.0, -band_px, view.width_px, band_px + view.height_px + _BASE_PX),
         [(kind, view.points(outline)) for kind, outline in areas],
-        drawn,
+        lines_px,
         [*labels, *beside],
         _scale(task, view),
         _north(task, view),
@@ -337,10 +337,12 @@ def speed_lines(task: Task) -> tuple[list[SpeedLine], float]:
             lines.append(SpeedLine("ot", target.id, before))
             continue
         begins_s = fires_s + trigger.lead_time_s
-        kept = [(t, v) for t, v in before if t < begins_s] or [(0.0, 0.0), (begins_s, 0.0)]
-        after = _after(task, trigger, kept[-1][1])
+        points_before = [(t, v) for t, v in before if t < begins_s] or [(0.0, 0.0), (begins_s, 0.0)]
+        after = _after(task, trigger, points_before[-1][1])
         lines.append(
-            SpeedLine("ot", target.id, [*kept, *((begins_s + t, v) for t, v in _sampled(after))])
+            SpeedLine(
+                "ot", target.id, [*points_before, *((begins_s + t, v) for t, v in _sampled(after))]
+            )
         )
     return lines, fires_s
 
@@ -377,8 +379,8 @@ def _sampled(points: Points) -> list[Point]:
     if len(times) == 0:
         return []
     at = np.append(np.arange(0.0, times[-1], _STEP_S), times[-1])
-    found = np.interp(at, times, speeds)
-    return list(zip(at.tolist(), found.tolist(), strict=True))
+    samples_mps = np.interp(at, times, speeds)
+    return list(zip(at.tolist(), samples_mps.tolist(), strict=True))
 
 
 def speed_chart(task: Task) -> SpeedChart:

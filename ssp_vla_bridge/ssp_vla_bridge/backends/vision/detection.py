@@ -197,5 +197,5 @@ def _beside(ycc: NDArray[np.float32], blob: _Blob, scale: float, count: int) -> 
     columns = []
     for place in range(count):
         columns += [blob.left - gap - place * step, blob.right - 1 + gap + place * step]
-    kept = [column for column in columns if 0 <= column < ycc.shape[1]]
-    return ycc[:, kept]
+    columns_inside = [column for column in columns if 0 <= column < ycc.shape[1]]
+    return ycc[:, columns_inside]

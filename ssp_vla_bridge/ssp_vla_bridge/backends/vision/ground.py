@@ -159,19 +159,21 @@ def _crossing_rows(image: NDArray[np.uint8]) -> NDArray[np.float64]:
     height, width = image.shape[:2]
     top = round(_SKY_SHARE * height)
     edges = cv2.Canny(cv2.cvtColor(image[top:], cv2.COLOR_BGR2GRAY), 50, 120)
-    found = cv2.HoughLinesP(
+    lines = cv2.HoughLinesP(
         edges, 1, math.pi / 180, 30, minLineLength=_MIN_LENGTH_SHARE * width, maxLineGap=6
     )
-    if found is None:
+    if lines is None:
         return np.zeros(0)
-    segments = found.reshape(-1, 4).astype(np.float64)
+    segments = lines.reshape(-1, 4).astype(np.float64)
     run, rise = segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]
     steep = np.arctan2(np.abs(rise), np.abs(run))
     useful = (steep > _STEEP_RAD[0]) & (steep < _STEEP_RAD[1])
     order = np.argsort(-np.hypot(run, rise)[useful], kind="stable")[:_LONGEST]
-    kept = segments[useful][order]
-    slope = (kept[:, 3] - kept[:, 1]) / (kept[:, 2] - kept[:, 0])
-    offset = kept[:, 1] - slope * kept[:, 0]
+    long_segments = segments[useful][order]
+    slope = (long_segments[:, 3] - long_segments[:, 1]) / (
+        long_segments[:, 2] - long_segments[:, 0]
+    )
+    offset = long_segments[:, 1] - slope * long_segments[:, 0]
     # A line on the left of the road rises to the right: its slope in the image is negative.
     left, right = slope < 0, slope > 0
     across = slope[right][None, :] - slope[left][:, None]
@@ -258,14 +260,14 @@ def learn_surface(frames: Sequence[NDArray[np.float32]], plane: GroundPlane) -> 
     pixels = np.stack([np.take(frame.reshape(-1, 3), places, axis=0) for frame in frames])
     colours = np.zeros((_STRIPS, 3), np.float32)
     spreads = np.zeros(_STRIPS, np.float32)
-    known = np.diff(bounds) >= _MIN_PIXELS
-    for strip in np.flatnonzero(known):
+    has_pixels = np.diff(bounds) >= _MIN_PIXELS
+    for strip in np.flatnonzero(has_pixels):
         # A row for each channel: what a median sorts lies together.
         inside = pixels[:, bounds[strip] : bounds[strip + 1]].reshape(-1, 3).T.copy()
         colours[strip] = _medians(inside)
         distances = np.abs(inside[1:] - colours[strip, 1:, None]).sum(axis=0)
         spreads[strip] = _medians(distances[None])[0]
-    return Surface(_filled(colours, known), _filled(spreads, known), known)
+    return Surface(_filled(colours, has_pixels), _filled(spreads, has_pixels), has_pixels)
 
 
 def _medians(rows: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -275,12 +277,12 @@ def _medians(rows: NDArray[np.float32]) -> NDArray[np.float32]:
     return (middle[:, (count - 1) // 2] + middle[:, count // 2]) / np.float32(2.0)
 
 
-def _filled(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+def _filled(values: NDArray[np.float32], is_known: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Fill strips that the near ground doesn't show from the nearest one that it does."""
-    if not known.any():
+    if not is_known.any():
         return values
-    places = np.flatnonzero(known)
-    nearest = places[np.abs(np.arange(len(known))[:, None] - places[None, :]).argmin(axis=1)]
+    places = np.flatnonzero(is_known)
+    nearest = places[np.abs(np.arange(len(is_known))[:, None] - places[None, :]).argmin(axis=1)]
     return np.asarray(values[nearest])
 
 

@@ -74,11 +74,11 @@ def judge(tracks: Sequence[Track], ego_mps: float | None) -> Situation:
     users = [user for track in tracks if (user := _road_user(track, ego_mps)) is not None]
     if not users:
         return Situation((), None, None, "no_conflict", None)
-    judged = [(user, motion := _motion(user), _conflict(user, motion, ego_mps)) for user in users]
-    critical, motion, conflict = min(judged, key=_urgency)
+    verdicts = [(user, motion := _motion(user), _conflict(user, motion, ego_mps)) for user in users]
+    critical, motion, conflict = min(verdicts, key=_urgency)
     others = {
         user.object_class
-        for user, _, verdict in judged
+        for user, _, verdict in verdicts
         if verdict != "no_conflict" and user.object_class != critical.object_class
     }
     return Situation(
@@ -190,8 +190,8 @@ def _conflict(user: RoadUser, motion: str | None, ego_mps: float | None) -> str:
     return "potential" if roadside else "no_conflict"
 
 
-def _urgency(judged: tuple[RoadUser, str | None, str]) -> tuple[int, float]:
-    user, _, conflict = judged
+def _urgency(verdict: tuple[RoadUser, str | None, str]) -> tuple[int, float]:
+    user, _, conflict = verdict
     rank = {"active": 0, "potential": 1, "no_conflict": 2, "resolved": 3}[conflict]
     return rank, user.track.x_m + 4.0 * abs(user.track.y_m)
 

@@ -102,16 +102,16 @@ def centre_m(thing: Detection) -> float:
 
 
 def track_objects(
-    seen: Sequence[tuple[float, Sequence[Detection]]], history: Sequence[EgoSample]
+    detections: Sequence[tuple[float, Sequence[Detection]]], history: Sequence[EgoSample]
 ) -> list[Track]:
     """Follow the things of the newest frame back through the older ones.
 
     Args:
-        seen: time relative to the request's, s, and the things of each frame, oldest first.
+        detections: time relative to the request's, s, and the things of each frame, oldest first.
         history: the VUT's own motion, empty when it isn't known.
     """
     frames = []
-    for t_s, things in seen:
+    for t_s, things in detections:
         pose = ego_pose(history, t_s) if history else Pose2(0.0, 0.0, 0.0)
         frames.append(
             [_Sighting(t_s, *pose.to_parent(t.x_m, centre_m(t)), thing=t) for t in things]
@@ -131,11 +131,11 @@ def _extend(tracks: list[list[_Sighting]], older: list[_Sighting]) -> None:
         if (cost := _cost(track, sighting)) is not None
     )
     taken_tracks: set[int] = set()
-    taken: set[int] = set()
+    taken_sightings: set[int] = set()
     for _, i, j in pairs:
-        if i not in taken_tracks and j not in taken:
+        if i not in taken_tracks and j not in taken_sightings:
             taken_tracks.add(i)
-            taken.add(j)
+            taken_sightings.add(j)
             tracks[i].append(older[j])
 
 

@@ -77,28 +77,28 @@ def rows_of(steps: Mapping[str, Step], stages: Iterable[Stage], ended: str) -> t
         stages: those that were asked for.
         ended: why the probe ended before its last step; for those that were never reached.
     """
-    asked = set(stages)
+    stages_to_run = set(stages)
     rows = []
     for clause in CLAUSES:
         step = steps.get(clause.step)
-        if clause.stage not in asked:
-            found = Finding(Outcome.NOT_RUN, "its stage was not asked for")
+        if clause.stage not in stages_to_run:
+            finding = Finding(Outcome.NOT_RUN, "its stage was not asked for")
         elif step is None:
-            found = Finding(Outcome.NOT_RUN, ended)
+            finding = Finding(Outcome.NOT_RUN, ended)
         else:
-            found = clause.judge(step, clause, steps)
+            finding = clause.judge(step, clause, steps)
         rows.append(
             Row(
                 clause=clause.id,
                 stage=clause.stage,
                 title=clause.title,
-                verdict=found.verdict,
-                sent=tuple(data.hex() for data in found.sent[:_MOST_EVIDENCE]),
-                came=tuple(data.hex() for data in found.came[:_MOST_EVIDENCE]),
-                measured=None if found.measured is None else round(found.measured, 6),
+                verdict=finding.verdict,
+                sent=tuple(data.hex() for data in finding.sent[:_MOST_EVIDENCE]),
+                came=tuple(data.hex() for data in finding.came[:_MOST_EVIDENCE]),
+                measured=None if finding.measured is None else round(finding.measured, 6),
                 bound=clause.bound,
                 unit=clause.unit,
-                text=found.text,
+                text=finding.text,
             )
         )
     return tuple(rows)
@@ -129,8 +129,8 @@ def _first_report(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Fin
 def _frames(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     if not step.came:
         return Finding(Outcome.FAIL, "no frame came")
-    came = [r for one in steps.values() for r in one.came]
-    bad = [(r, r.outcome) for r in came if isinstance(r.outcome, RejectedBytes)]
+    messages = [r for one in steps.values() for r in one.came]
+    bad = [(r, r.outcome) for r in messages if isinstance(r.outcome, RejectedBytes)]
     text = _names(f"{o.reason.value}: {o.text}" for _, o in bad[:_MOST_EVIDENCE])
     return within(clause, len(bad), text, came=tuple(r.data for r, _ in bad))
 
@@ -150,10 +150,10 @@ def _pause(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Findin
     if len(step.monrs()) < 2:
         return silent(step)
     # Without heartbeats an object may cease to report.
-    heard = [one.monrs() for name, one in steps.items() if name not in _UNHEARD]
+    report_series = [one.monrs() for name, one in steps.items() if name not in _UNHEARD]
     pauses = [
         (ns_to_seconds(after[0].stamp_ns - before[0].stamp_ns), after[0])
-        for monrs in heard
+        for monrs in report_series
         for before, after in pairwise(monrs)
     ]
     middle, late = np.percentile([pause_s for pause_s, _ in pauses], (50, 99)) * 1e3
@@ -230,32 +230,34 @@ def _ids(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     headers = [r.outcome.header for r, _ in monrs if isinstance(r.outcome, DecodedMessage)]
     if osem is None or not isinstance(osem.message, Osem) or not headers:
         return silent(step)
-    given, carried = osem.message.device_id, {h.transmitter_id for h in headers}
-    others = len(carried - {given})
-    text = f"given {given}, the headers carry {_names(map(str, carried))}"
+    device_id, carried = osem.message.device_id, {h.transmitter_id for h in headers}
+    others = len(carried - {device_id})
+    text = f"given {device_id}, the headers carry {_names(map(str, carried))}"
     return within(clause, others, text, sent=(osem.data,), came=(monrs[0][0].data,))
 
 
 def _acknowledge(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
-    asked = [s for s in step.sent if s.header.acknowledge]
-    if not asked:
+    requests = [s for s in step.sent if s.header.acknowledge]
+    if not requests:
         return Finding(Outcome.FAIL, step.problem or "no message asked for one")
     answers = {
         (r.outcome.message.message_id, r.outcome.message.counter): (r, r.outcome.message)
         for r in step.came
         if isinstance(r.outcome, DecodedMessage) and isinstance(r.outcome.message, Grem)
     }
-    unanswered = [s for s in asked if (s.header.message_id, s.header.counter) not in answers]
+    unanswered = [s for s in requests if (s.header.message_id, s.header.counter) not in answers]
     refused = [
-        f"{s.message.__class__.__name__.upper()} answered by {found[1].response}"
-        for s in asked
-        if (found := answers.get((s.header.message_id, s.header.counter)))
-        and found[1].response != ResponseCode.OK
+        f"{s.message.__class__.__name__.upper()} answered by {answer[1].response}"
+        for s in requests
+        if (answer := answers.get((s.header.message_id, s.header.counter)))
+        and answer[1].response != ResponseCode.OK
     ]
-    told = [f"no answer to {s.message.__class__.__name__.upper()}" for s in unanswered] + refused
-    came = tuple(r.data for r, _ in answers.values())
-    sent = tuple(s.data for s in unanswered or asked)
-    return within(clause, len(told), _names(told), sent=sent, came=came)
+    problems = [
+        f"no answer to {s.message.__class__.__name__.upper()}" for s in unanswered
+    ] + refused
+    answer_bytes = tuple(r.data for r, _ in answers.values())
+    sent = tuple(s.data for s in unanswered or requests)
+    return within(clause, len(problems), _names(problems), sent=sent, came=answer_bytes)
 
 
 def _identity(step: Step, _clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
@@ -300,7 +302,7 @@ def _reaches(*wanted: ControlState) -> Judge:
     return judge
 
 
-def _stays(wanted: ControlState) -> Judge:
+def _stays(target_state: ControlState) -> Judge:
     def judge(step: Step, _clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
         if not step.monrs():
             return silent(step)
@@ -308,7 +310,7 @@ def _stays(wanted: ControlState) -> Judge:
         since_ns = step.begin_ns + NS_PER_S // 10
         after = [(r, state_of(m.state)) for r, m in step.monrs_in_order() if r.stamp_ns >= since_ns]
         for received, state in after:
-            if state is not wanted:
+            if state is not target_state:
                 text = f"is {'unknown' if state is None else state.name}"
                 return Finding(Outcome.FAIL, text, came=(received.data,))
         return Finding(Outcome.PASS if after else Outcome.FAIL)
@@ -317,11 +319,11 @@ def _stays(wanted: ControlState) -> Judge:
 
 
 def _disarmed(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
-    found = _reaches(C.DISARMED)(step, clause, {})
-    if found.verdict is Outcome.FAIL and found.text == f"is {C.ABORTING.name}":
+    finding = _reaches(C.DISARMED)(step, clause, {})
+    if finding.verdict is Outcome.FAIL and finding.text == f"is {C.ABORTING.name}":
         text = "an earlier abort is latched: that needs an all clear"
-        return Finding(Outcome.INFO, text, came=found.came)
-    return found
+        return Finding(Outcome.INFO, text, came=finding.came)
+    return finding
 
 
 def _disarms(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:

@@ -67,19 +67,19 @@ class FencedWay:
 
     def plan(self, pose: Pose2) -> Points | str:
         """Plan points from a pose on; return why where it can't be moved from there."""
-        found = self._rest(pose)
-        if isinstance(found, str):
-            return found
-        if found.cruise_mps > FASTEST_MPS:
-            return f"{found.cruise_mps:g} m/s is faster than a probe drives ({FASTEST_MPS:g} m/s)"
+        motion = self._rest(pose)
+        if isinstance(motion, str):
+            return motion
+        if motion.cruise_mps > FASTEST_MPS:
+            return f"{motion.cruise_mps:g} m/s is faster than a probe drives ({FASTEST_MPS:g} m/s)"
         try:
-            points = approach_points(found)
+            points = approach_points(motion)
         except ValueError as error:
             return f"its way can't be driven: {error}"
         t_s, _, _, _, speed = points.columns[:5]
-        cruising = t_s[speed >= 0.99 * found.cruise_mps]
+        cruising = t_s[speed >= 0.99 * motion.cruise_mps]
         if len(cruising) < 2 or cruising[-1] - cruising[0] < _CRUISE_S:
-            return f"its way is too short to hold {found.cruise_mps:g} m/s for {_CRUISE_S:g} s"
+            return f"its way is too short to hold {motion.cruise_mps:g} m/s for {_CRUISE_S:g} s"
         outside_m = self.outside_m(points)
         if outside_m > 0.0:
             return f"its way or a stop from it would end {outside_m:.1f} m outside of the fence"

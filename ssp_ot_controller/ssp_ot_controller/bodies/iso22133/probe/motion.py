@@ -57,9 +57,9 @@ class _Track:
         before = np.searchsorted(self.stamp_ns, self.stamp_ns - _SPAN_NS, side="right") - 1
         dx, dy = self.x_m - self.x_m[before], self.y_m - self.y_m[before]
         dt_s = (self.stamp_ns - self.stamp_ns[before]) / NS_PER_S
-        known = (before >= 0) & (dt_s > 0.0)
-        speeds: FloatArray = np.hypot(dx, dy) / np.where(known, dt_s, 1.0)
-        return np.where(known, speeds, np.nan)
+        has_predecessor = (before >= 0) & (dt_s > 0.0)
+        speeds: FloatArray = np.hypot(dx, dy) / np.where(has_predecessor, dt_s, 1.0)
+        return np.where(has_predecessor, speeds, np.nan)
 
     def until(self, ns: int) -> int:
         """Index of the last place that came until then; -1 for none."""
@@ -111,9 +111,9 @@ def _begun(step: Step, track: _Track) -> tuple[int, float] | None:
 def starts(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     """Measure how late it started, in the drive in which that was most."""
     driven = [steps[name] for name in DRIVES if name in steps and steps[name].last_sent(Strt)]
-    found = [_start(one, clause) for one in driven]
-    measured = [one for one in found if one.measured is not None]
-    if not measured or len(measured) < len(found):
+    findings = [_start(one, clause) for one in driven]
+    measured = [one for one in findings if one.measured is not None]
+    if not measured or len(measured) < len(findings):
         return Finding(Outcome.FAIL, step.problem or "it never moved")
     return max(measured, key=lambda one: abs(one.measured or 0.0))
 
@@ -151,19 +151,19 @@ def stops(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     limit_mps = before_mps - max(_LOST_MPS, _LOST_SHARE * before_mps)
     fast = np.flatnonzero(~(speeds[at + 1 :] <= limit_mps))
     first = at + 1 + (int(fast[-1]) + 1 if len(fast) else 0)
-    told = f"at {before_mps:.2f} m/s"
+    speed_text = f"at {before_mps:.2f} m/s"
     sent = tuple(
         s.data for s in step.sent if isinstance(s.message, Heab) and s.stamp_ns <= mark_ns
     )[-1:]
     last = track.until(int(track.arrived_ns[-1]) - NS_PER_S)
     if first >= len(speeds) or last <= at or float(track.way_m(last)[last:].max()) > STANDS_M:
         way_m = float(track.way_m(at)[-1])
-        text = f"{told}; after {way_m:.1f} m it still moves"
+        text = f"{speed_text}; after {way_m:.1f} m it still moves"
         return Finding(Outcome.FAIL, text, None, sent, _monr_at(step, track, len(speeds) - 1))
     reaction_s = ns_to_seconds(int(track.arrived_ns[first]) - mark_ns)
     standing = first + int(np.flatnonzero(~(speeds[first:] > STANDS_M))[0])
     stood_s = ns_to_seconds(int(track.arrived_ns[standing]) - mark_ns)
-    text = f"{told}; stood after {stood_s:.2f} s and {float(track.way_m(at)[standing]):.1f} m"
+    text = f"{speed_text}; stood after {stood_s:.2f} s and {float(track.way_m(at)[standing]):.1f} m"
     evidence = _monr_at(step, track, first)
     due_s = _slows_by_itself_s(step, track, mark_ns)
     if due_s is not None and reaction_s > due_s - _LOST_MPS:
@@ -196,19 +196,19 @@ def unheard(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Findi
     if "lost" not in step.marks and heard_ns < NS_PER_S // 2:
         return stops(step, clause, steps)
     silent_s = ns_to_seconds(int(track.arrived_ns[-1]) - mark_ns)
-    told = f"reported nothing from {max(silent_s, 0.0):.2f} s on"
-    found = None if again is None else _track(again)
+    silence_text = f"reported nothing from {max(silent_s, 0.0):.2f} s on"
+    later_track = None if again is None else _track(again)
     at = track.until(mark_ns)
-    if found is None or not len(found.x_m) or at < 0:
-        return Finding(Outcome.FAIL, f"{told}, and wasn't found again")
+    if later_track is None or not len(later_track.x_m) or at < 0:
+        return Finding(Outcome.FAIL, f"{silence_text}, and wasn't found again")
     before_mps = float(track.speeds_mps()[at])
-    way_m = math.hypot(found.x_m[0] - track.x_m[at], found.y_m[0] - track.y_m[at])
-    later_s = ns_to_seconds(int(found.arrived_ns[0]) - mark_ns)
-    moved_m = float(found.way_m(0).max())
+    way_m = math.hypot(later_track.x_m[0] - track.x_m[at], later_track.y_m[0] - track.y_m[at])
+    later_s = ns_to_seconds(int(later_track.arrived_ns[0]) - mark_ns)
+    moved_m = float(later_track.way_m(0).max())
     if moved_m > STANDS_M or not before_mps > 2.0 * _LOST_MPS:
-        text = f"{told}; {later_s:.1f} s later it was {way_m:.1f} m on and still moved"
+        text = f"{silence_text}; {later_s:.1f} s later it was {way_m:.1f} m on and still moved"
         return Finding(Outcome.FAIL, text, came=(again.monrs()[0][0].data,) if again else ())
-    text = f"{told}; stood {way_m:.1f} m on, so that it drove on for no longer than this"
+    text = f"{silence_text}; stood {way_m:.1f} m on, so that it drove on for no longer than this"
     return within(clause, way_m / before_mps, text)
 
 
@@ -217,8 +217,8 @@ def keeps_to_way(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> 
 
     An abort ends a session, and so do lost heartbeats.
     """
-    found = [_off_way(name, steps[name], clause) for name in DRIVES if name in steps]
-    measured = [one for one in found if one.measured is not None]
+    findings = [_off_way(name, steps[name], clause) for name in DRIVES if name in steps]
+    measured = [one for one in findings if one.measured is not None]
     if not measured:
         return Finding(Outcome.NOT_RUN, step.problem or "it never moved")
     return max(measured, key=lambda one: one.measured or 0.0)
@@ -234,8 +234,8 @@ def _off_way(name: str, step: Step, clause: ProbeClause) -> Finding:
     if name != "normal_stop" and "stimulus" in step.marks:
         until = track.until(step.marks["stimulus"]) + 1
     driven = list(zip(track.x_m.tolist(), track.y_m.tolist(), strict=True))[:until]
-    found = Polyline(apart).project_all(driven)
-    return within(clause, max(abs(offset) for _, offset in found), sent=(sent.data[:256],))
+    projections = Polyline(apart).project_all(driven)
+    return within(clause, max(abs(offset) for _, offset in projections), sent=(sent.data[:256],))
 
 
 # -- what it states while it moves ----------------------------------------------------------------
@@ -300,8 +300,8 @@ def ends_run(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     postrun_ns: int | None = None
     for received, monr in step.monrs_in_order():
         at_ns, state = received.stamp_ns, state_of(monr.state)
-        stood = postrun_ns is not None and at_ns >= moving_ns
-        if at_ns <= mark_ns or (stood and state is C.DISARMED):
+        is_standing = postrun_ns is not None and at_ns >= moving_ns
+        if at_ns <= mark_ns or (is_standing and state is C.DISARMED):
             continue
         if state is C.POSTRUN:
             postrun_ns = postrun_ns or at_ns

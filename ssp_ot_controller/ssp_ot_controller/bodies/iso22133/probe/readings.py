@@ -62,11 +62,11 @@ def _reports(step: Step) -> Iterator[_Report]:
     """Yield the reports of a step; no place counts as less certain than it is stated."""
     readings = MonrReadings(_FRAME, None, 0.0)
     for received, monr in step.monrs():
-        found = readings.take(monr, received.stamp_ns)
-        if isinstance(found, RejectedBytes):
-            yield _Report(received, monr, None, found.text)
+        reading = readings.take(monr, received.stamp_ns)
+        if isinstance(reading, RejectedBytes):
+            yield _Report(received, monr, None, reading.text)
             continue
-        one = _Report(received, monr, found, "")
+        one = _Report(received, monr, reading, "")
         is_ahead = one.ahead_s > AHEAD_S
         yield replace(one, problem="is stamped ahead of time") if is_ahead else one
 
@@ -92,7 +92,7 @@ class _Drive:
 
 
 def _drives(steps: Mapping[str, Step]) -> list[_Drive]:
-    found = []
+    drives = []
     for name in DRIVES:
         step = steps.get(name)
         strt = None if step is None else step.last_sent(Strt)
@@ -102,8 +102,8 @@ def _drives(steps: Mapping[str, Step]) -> list[_Drive]:
         if name == "loss":
             until_ns = step.marks.get("stimulus", until_ns)
         reports = tuple(one for one in _reports(step) if one.received.stamp_ns <= until_ns)
-        found.append(_Drive(reports, strt.stamp_ns, until_ns, step.problem))
-    return found
+        drives.append(_Drive(reports, strt.stamp_ns, until_ns, step.problem))
+    return drives
 
 
 def _not_driven(step: Step) -> Finding:
@@ -172,9 +172,9 @@ def states_its_motion(step: Step, _: ProbeClause, steps: Mapping[str, Step]) -> 
     drives = [drive for drive in _drives(steps) if any(one.reading for one in drive.started())]
     if not drives:
         return _not_driven(step)
-    found = [_contradiction(drive, step.bounds, way) for drive in drives for way in _WAYS]
+    findings = [_contradiction(drive, step.bounds, way) for drive in drives for way in _WAYS]
     for verdict in (Outcome.FAIL, Outcome.NOT_RUN, Outcome.PASS):
-        if these := [one for one in found if one.verdict is verdict]:
+        if these := [one for one in findings if one.verdict is verdict]:
             return max(these, key=lambda one: one.measured or 0.0)
     return _not_driven(step)
 
@@ -188,11 +188,11 @@ def _contradiction(drive: _Drive, bounds: Bounds, way: str) -> Finding:
             continue
         speed_mps = abs(r.speed_mps) if way == _FORWARDS else r.speed_mps
         watch.take(r.stamp_ns, r.x_m, r.y_m, r.yaw_rad, speed_mps, r.position_std_m)
-        found = watch.contradiction
-        if found is not None and found.held_s > (longest.measured or 0.0):
-            verdict = Outcome.FAIL if found.holds else Outcome.PASS
-            text = f"{way}{found.text}"
-            longest = Finding(verdict, text, found.held_s, came=(one.received.data,))
+        contradiction = watch.contradiction
+        if contradiction is not None and contradiction.held_s > (longest.measured or 0.0):
+            verdict = Outcome.FAIL if contradiction.holds else Outcome.PASS
+            text = f"{way}{contradiction.text}"
+            longest = Finding(verdict, text, contradiction.held_s, came=(one.received.data,))
     if not drive.problem or longest.verdict is Outcome.FAIL:
         return longest
     if watch.doubt is not None:

@@ -61,7 +61,7 @@ class Step:
 
     def monrs_in_order(self) -> list[tuple[ReceivedMessage, Monr]]:
         """Return the reports without those that the network delivered behind a newer one."""
-        kept: list[tuple[ReceivedMessage, Monr]] = []
+        reports: list[tuple[ReceivedMessage, Monr]] = []
         newest_ns: int | None = None
         for received, monr in self.monrs():
             if monr.time_of_week_ns is not None:
@@ -69,8 +69,8 @@ class Step:
                 if newest_ns is not None and 0 < newest_ns - stamp_ns < _OVERTAKEN_NS:
                     continue
                 newest_ns = stamp_ns
-            kept.append((received, monr))
-        return kept
+            reports.append((received, monr))
+        return reports
 
     def last_sent(self, *kinds: type) -> ProbeFrame | None:
         return next((s for s in reversed(self.sent) if isinstance(s.message, kinds)), None)
