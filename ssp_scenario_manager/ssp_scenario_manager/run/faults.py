@@ -34,6 +34,9 @@ _HELD_SHARE = 0.7
 # longer than the second isn't struck by the signal.
 _STANDS_S = 0.3
 _SETTLES_S = 1.0
+# The world goes on without a participant in lockstep after so long, on the wall's clock, at the
+# earliest (HANG_LIMIT_S of ssp_ot_controller.sil.patience).
+WORLD_WAITS_S = 3.0
 # How long an armed session is held with a fault in it, for the limits that apply to it.
 ARMED_HOLD_S = 3.0
 NEED_PROCESSES = frozenset((*_OF_NODES, *_OF_REFERENCES))
@@ -175,6 +178,8 @@ class FaultInjector:
                 continue
             if timed.heard is not None:
                 self._settle(timed, session_s, wall_s)
+            elif self._stops_the_world(timed.fault) and wall_s - timed.begun_s < WORLD_WAITS_S:
+                self._date_anew(timed, session_s)
             if timed.is_over(wall_s):
                 self._end(timed, session_s, wall_s)
 
@@ -197,7 +202,7 @@ class FaultInjector:
     def _begin(self, timed: _TimedFault, session_s: float, wall_s: float) -> None:
         fault = timed.fault
         timed.begun_s = wall_s
-        if fault.at_s is not None and self._stops_the_world(fault):
+        if self._stops_the_world(fault):
             # In lockstep the world may be far ahead of what this process has heard of it.
             timed.heard, timed.looked_s = (session_s, wall_s), wall_s
         else:
@@ -216,7 +221,7 @@ class FaultInjector:
     def _stops_the_world(self, fault: Fault) -> bool:
         """Tell whether a fault stops the world's clock at once, since it waits for participants."""
         struck = fault.kind in ("kill", "pause") and fault.target != names.MONITOR
-        return struck and self.spec.mode == "lockstep"
+        return struck and self.spec.mode == "lockstep" and fault.at_s is not None
 
     def _settle(self, timed: _TimedFault, session_s: float, wall_s: float) -> None:
         """Note the beginning once the session's time stands."""
@@ -248,7 +253,7 @@ class FaultInjector:
             self._note(timed, False, session_s, wall_s)
 
     def _date_anew(self, timed: _TimedFault, session_s: float) -> None:
-        """Set a pause's beginning to the newest time that was heard while it lasted.
+        """Set the beginning to the newest time that was heard while the world's clock stood.
 
         A clock that stands doesn't go on: what came after the beginning was noted came late.
         """

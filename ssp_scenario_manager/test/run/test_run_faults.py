@@ -15,7 +15,9 @@ import pytest
 from ssp_core.errors import InputError
 from ssp_core.host.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.model import Fault, RunSpec
+from ssp_ot_controller.sil.patience import HANG_LIMIT_S
 from ssp_scenario_manager.run.faults import (
+    WORLD_WAITS_S,
     FaultInjector,
     check,
     of_runner,
@@ -213,6 +215,24 @@ def test_a_time_that_comes_late_dates_the_pause_anew(
     assert begun.session_s == 1.2
     made.poll(1.62, 8.1)
     assert [(one.active, one.session_s) for one in made.injected] == [(True, 1.62), (False, 1.62)]
+
+
+def test_a_time_that_comes_while_the_world_still_waits_for_a_participant_dates_its_pause_anew(
+    run: RunSpec, child: NodeProcess, tmp_path: Path
+) -> None:
+    """A busy runner may hear for longer than a second of steps that were made before the pause."""
+    assert WORLD_WAITS_S == HANG_LIMIT_S
+    lockstep = run.model_copy(update={"mode": "lockstep"})
+    fault = Fault(kind="pause", target="scenario_manager", at_s=1.0, duration_s=12.0)
+    made, _, _ = injector(lockstep, child, tmp_path, fault)
+    for step in range(15):
+        made.poll(1.0 + 0.1 * step, 5.0 + 0.1 * step)
+    assert [one.session_s for one in made.injected] == [2.4]
+    made.poll(2.96, 7.9)
+    # The world may go on without it from now on.
+    made.poll(3.4, 8.1)
+    made.poll(4.0, 17.1)
+    assert [(one.active, one.session_s) for one in made.injected] == [(True, 2.96), (False, 4.0)]
 
 
 def test_a_world_that_went_on_without_a_participant_dates_its_pause_as_before(
