@@ -7,6 +7,7 @@ import re
 import sys
 import tomllib
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -45,6 +46,11 @@ NEVER_FIRST = re.compile(
     r"through|per|along|between|among|before|after|behind|beside|beyond|against|within|until|since|"
     r"during|while|as|if|once|than|like|unlike|because|despite)\b",
     re.IGNORECASE,
+)
+# A variable is named by what it holds, not by what was done to it.
+NO_NAMES = re.compile(
+    r"asked|came|chosen|drawn|found|given|heard|judged|kept|known|made|meant|met|said|seen|shown|"
+    r"stood|taken|told|wanted|went"
 )
 # Of ROS, beside everything that ends in _msgs.
 ROS_PACKAGES = {"builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs"}
@@ -299,6 +305,7 @@ WIDE_RECORDS = {
 # Classes that may not have more attributes than they have.
 STILL_WIDE = {"Binder": 20, "ClauseFacts": 33}
 MOST_ATTRIBUTES = 15
+MOST_PARTICIPLES = 18
 
 
 def attributes(cls: ast.ClassDef) -> set[str]:
@@ -334,6 +341,27 @@ def test_a_class_owns_no_more_state_than_a_reader_can_hold() -> None:
                 if node.name not in WIDE_RECORDS and count > most:
                     wide.append(f"{file.relative_to(ROOT)}: {node.name} has {count}, most {most}")
     assert not wide, "\n".join(wide)
+
+
+def participles(file: Path) -> Iterator[str]:
+    """Variables and parameters of a file's functions that are named by participles."""
+    for function in nodes(file):
+        if not isinstance(function, (ast.FunctionDef, ast.Lambda)):
+            continue
+        for node in ast.walk(function):
+            name = ""
+            if isinstance(node, ast.arg):
+                name = node.arg
+            elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                name = node.id
+            if NO_NAMES.fullmatch(name.strip("_")):
+                yield f"{file.relative_to(ROOT)}: {name}"
+
+
+def test_variables_are_nouns_and_no_participles() -> None:
+    """Left are parameters that others give by keyword, such as the options of commands."""
+    names = {name for one in PACKAGES for file in sources(one) for name in participles(file)}
+    assert len(names) <= MOST_PARTICIPLES, "\n".join(sorted(names))
 
 
 def test_the_formatter_is_rarely_switched_off() -> None:

@@ -12,7 +12,7 @@ import pytest
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_eval.recordings.source_clip import board_of, bound_event, measure_clip
+from ssp_eval.recordings.source_clip import bind_event, board_of, measure_clip
 from ssp_ot_controller.camera.clip import write_clip
 from ssp_ot_controller.camera.storyboards import (
     INTERACTIONS,
@@ -32,7 +32,7 @@ SHA256 = "sha256:" + "a" * 64
 
 def bound(event: Event, seed: int, lanes: tuple[int, int] | None = None) -> Event:
     board = board_of(event, seed, lanes)
-    return bound_event(event, board, measure_clip(event, board), SHA256)
+    return bind_event(event, board, measure_clip(event, board), SHA256)
 
 
 def test_the_command_writes_clip_truth_k_star_and_log(

@@ -62,7 +62,7 @@ class Figure:
     runs: tuple[dict[str, Any], ...]
 
     @property
-    def told(self) -> dict[str, Any]:
+    def median_run(self) -> dict[str, Any]:
         """The run in the middle by our figure: of three runs neither the luckiest nor the worst."""
         middle = statistics.median_low([run["ours"] for run in self.runs])
         return next(run for run in self.runs if run["ours"] == middle)
@@ -73,17 +73,17 @@ class Figure:
         return sum(not run["kept"] for run in self.runs)
 
     @property
-    def kept(self) -> bool:
+    def is_within_limit(self) -> bool:
         """The limit was kept in most of the runs."""
         return 2 * self.missed < len(self.runs)
 
     @property
     def verdict(self) -> str:
         """``ok``, ``noisy`` (missed, but not in most of the runs), ``MISSED``; empty: no limit."""
-        if self.told["limit"] is None:
+        if self.median_run["limit"] is None:
             return ""
         if self.missed:
-            return "noisy" if self.kept else "MISSED"
+            return "noisy" if self.is_within_limit else "MISSED"
         return "ok"
 
 
@@ -123,7 +123,7 @@ def measure(folder: Path, name: str, long: bool) -> list[Figure]:
 
 def row(figure: Figure, notes: bool) -> str:
     """Return a figure as a line of at most 80 columns; misses and notes stand on lines below."""
-    median = figure.told
+    median = figure.median_run
     name = median["name"].split(": ", 1)[-1]
     ours = f"{median['ours']:.4g} {median['unit']}"
     ratio = "" if median["ratio"] is None else f"x {median['ratio']:.2f}"
@@ -190,10 +190,15 @@ def bench(names: Sequence[str], long: bool, notes: bool, as_json: bool) -> int:
         for name in selection:
             bar.update(bar.task_ids[0], description=f"bench {name}")
             figures = measure(Path(root) / "tests" / "bench", name, long)
-            is_within_limits = is_within_limits and all(figure.kept for figure in figures)
+            is_within_limits = is_within_limits and all(
+                figure.is_within_limit for figure in figures
+            )
             if as_json:
                 for figure in figures:
-                    record = figure.told | {"kept": figure.kept, "runs": len(figure.runs)}
+                    record = figure.median_run | {
+                        "kept": figure.is_within_limit,
+                        "runs": len(figure.runs),
+                    }
                     click.echo(json.dumps(record | {"missed": figure.missed}))
             else:
                 click.echo("\n".join([name, *(row(figure, notes) for figure in figures)]))

@@ -92,7 +92,7 @@ class Progress:
         self.steps[step.name] = step.digest
         self.write()
 
-    def kept(self, steps: Sequence[Step]) -> set[str]:
+    def finished_steps(self, steps: Sequence[Step]) -> set[str]:
         """Return the names of the steps that are finished, with all that they need."""
         names: set[str] = set()
         for step in steps:
@@ -377,7 +377,7 @@ def demo(scenarios: tuple[str, ...], out: Path, as_json: bool) -> int:
         console.note("the physical sessions are a software stand-in, not a vehicle")
         make_folder(folder / "clips")
         steps = plan_steps(folder, unique_scenarios)
-        earlier_steps = progress.kept(steps)
+        earlier_steps = progress.finished_steps(steps)
         if earlier_steps:
             console.note(f"{len(earlier_steps)} of {len(steps)} steps were finished before")
 

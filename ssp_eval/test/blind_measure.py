@@ -53,10 +53,10 @@ class Tally(NamedTuple):
     is wanted where all of them filled it.
     """
 
-    given: int = 0
+    answer_count: int = 0
     right: int = 0
-    wanted: int = 0
-    found: int = 0
+    required_count: int = 0
+    hit_count: int = 0
 
     @classmethod
     def of(cls, value: Any, right: Iterable[Any]) -> Tally:
@@ -74,11 +74,11 @@ class Tally(NamedTuple):
 
     @property
     def precision(self) -> float:
-        return self.right / max(self.given, 1)
+        return self.right / max(self.answer_count, 1)
 
     @property
     def recall(self) -> float:
-        return self.found / max(self.wanted, 1)
+        return self.hit_count / max(self.required_count, 1)
 
 
 def load(name: str, half: str) -> list[dict[str, Any]]:
@@ -94,10 +94,10 @@ def tallies(
     for row in rows:
         slots = slots_of(row["text"])
         values = {name: getattr(getattr(slots, name), "value", None) for name in SLOT_NAMES}
-        yield from judged(row, values, row["labels"])
+        yield from row_tallies(row, values, row["labels"])
 
 
-def judged(
+def row_tallies(
     row: dict[str, Any], values: Mapping[str, Any], labels: Sequence[dict[str, Any]]
 ) -> Iterator[Found]:
     """Each slot of one text, held against some labels of it."""
@@ -112,7 +112,7 @@ def of_labellers(rows: Iterable[dict[str, Any]]) -> Iterator[Found]:
     for row in rows:
         for one, other in (row["labels"], row["labels"][::-1]):
             values = {name: label and label["value"] for name, label in one.items()}
-            yield from judged(row, values, [other])
+            yield from row_tallies(row, values, [other])
 
 
 def of_other_engine(rows: Sequence[dict[str, Any]], checkout: Path) -> Iterator[Found]:
@@ -127,7 +127,7 @@ def of_other_engine(rows: Sequence[dict[str, Any]], checkout: Path) -> Iterator[
         check=True,
     )
     for row, line in zip(rows, run.stdout.splitlines(), strict=True):
-        yield from judged(row, json.loads(line), row["labels"])
+        yield from row_tallies(row, json.loads(line), row["labels"])
 
 
 def p_of_difference(some: Sequence[Found], others: Sequence[Found]) -> tuple[float, float]:
@@ -194,7 +194,7 @@ def main() -> None:
         print(f"{name}, {half}: {len(rows)} texts, precision / recall: {', '.join(measured)}")
         for group, members in _groups(measured).items():
             columns = [f"{one.precision:.3f} / {one.recall:.3f}" for one in members]
-            print(f"  {group:14s} {'   '.join(columns)}   of {members[0].wanted}")
+            print(f"  {group:14s} {'   '.join(columns)}   of {members[0].required_count}")
         tried = [("rules", "before"), ("rules and reader", "rules"), ("rules and reader", "before")]
         for one, other in (pair for pair in tried if measured.keys() >= set(pair)):
             precision, recall = p_of_difference(measured[one], measured[other])
@@ -217,7 +217,7 @@ def _groups(measured: Mapping[str, Sequence[Found]]) -> dict[str, list[Tally]]:
 
 def _print_misses(found: Iterable[Found]) -> None:
     for row, slot, given, one in found:
-        if one.given > one.right or one.wanted > one.found:
+        if one.answer_count > one.right or one.required_count > one.hit_count:
             labels = [label[slot] for label in row["labels"]]
             print(f"{row['id']} {slot}: {given}, labelled {labels}\n    {row['text']!r}")
 

@@ -101,7 +101,7 @@ def judge(drive: Drive) -> PictureFigures:
     often = has_many_repeats({k: small[k] for k in some}, drive.moments, "vut")
     repeated = repeated_frames(small, drive.moments, "vut") if often else ()
     plan = plan_pairs(drive.moments, drive.optics, "vut", drive.targets, repeated)
-    grey = {index: reduced(drive.frames[index]) for index in plan.wanted}
+    grey = {index: reduced(drive.frames[index]) for index in plan.frame_indices}
     return compare_pictures(Footage(drive.moments, grey, drive.optics, "vut"), plan, drive.road)
 
 
@@ -320,11 +320,11 @@ def _upside_down(grey: Grey, _: int) -> Grey:
     return np.ascontiguousarray(grey[::-1])
 
 
-def _seen_by(drive: Drive, other: Drive) -> Drive:
+def _filmed_by(drive: Drive, other: Drive) -> Drive:
     return replace(drive.filmed_by(other), optics=other.optics)
 
 
-def seen_by_camera(drive: Drive, yaw_left_rad: float) -> Drive:
+def other_camera_view(drive: Drive, yaw_left_rad: float) -> Drive:
     """The pictures of another camera of the same VUT, in the place of the front camera's."""
     run = drive.run
     assert run is not None
@@ -415,11 +415,11 @@ def falsified(
     empty = [s for s in drives if "without" in s.name and event in s.name]
     if empty and mode == "simulation":
         yield "object not in the pictures", one.filmed_by(empty[0])
-    yield "rear camera for the front one", seen_by_camera(one, REAR_RAD)
+    yield "rear camera for the front one", other_camera_view(one, REAR_RAD)
     side_rad = (-SIDE_RAD, SIDE_RAD)[k % 2]
-    yield "side camera for the front one", seen_by_camera(one, side_rad)
+    yield "side camera for the front one", other_camera_view(one, side_rad)
     corner_rad = (-CORNER_RAD, CORNER_RAD)[k % 2]
-    yield "corner camera for the front one", seen_by_camera(one, corner_rad)
+    yield "corner camera for the front one", other_camera_view(one, corner_rad)
     if same := [s for s in alike if mode in s.name and s is not plain]:
         other = same[k % len(same)]
         near = "under" if apart_px(one, other) < NEAR_PX else "at least"

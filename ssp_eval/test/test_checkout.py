@@ -31,12 +31,12 @@ FILES = {
 }
 
 
-def made(name: str, marker: str | None) -> Any:
+def fake_item(name: str, marker: str | None) -> Any:
     return SimpleNamespace(path=ROOT / name, get_closest_marker=lambda asked: asked == marker)
 
 
 def test_files_that_wait_lie_among_files_that_work_and_the_longest_come_first() -> None:
-    items = [made(name, marker) for name, (n, marker) in FILES.items() for _ in range(n)]
+    items = [fake_item(name, marker) for name, (n, marker) in FILES.items() for _ in range(n)]
     ordered = spread(items)
     assert sorted(map(id, ordered)) == sorted(map(id, items))
     files = [path.relative_to(ROOT).as_posix() for path, _ in groupby(i.path for i in ordered)]
@@ -57,7 +57,7 @@ def test_live_sessions_begin_apart_from_one_another() -> None:
     names = [f"tests/system/live/test_{n}.py" for n in range(3)]
     names += [f"tests/system/test_{n}.py" for n in range(20)]
     names += [f"ssp_eval/test/test_{n}.py" for n in range(80)]
-    ordered = spread([made(name, None if "ssp_eval" in name else "system") for name in names])
+    ordered = spread([fake_item(name, None if "ssp_eval" in name else "system") for name in names])
     assert len(set(map(id, ordered))) == len(names)
     waiting = [
         item.path.relative_to(ROOT).as_posix()
@@ -66,7 +66,7 @@ def test_live_sessions_begin_apart_from_one_another() -> None:
     ]
     live = [place for place, name in enumerate(waiting) if "/live/" in name]
     assert live == [0, 6, 12]
-    few = spread([made(name, "system") for name in names[:5]])
+    few = spread([fake_item(name, "system") for name in names[:5]])
     assert ["/live/" in str(item.path) for item in few] == [True, True, True, False, False]
 
 

@@ -38,7 +38,7 @@ def test_an_incomplete_demonstration_of_the_same_plan_goes_on(tmp_path: Path, pl
         first.finish(STEP)
     with own_folder(tmp_path / "demo", plan) as second:
         same = plan == PLAN
-        assert second.kept([STEP]) == ({"clip"} if same else set())
+        assert second.finished_steps([STEP]) == ({"clip"} if same else set())
         assert (second.folder / "runs").is_dir() is same
 
 

@@ -126,7 +126,7 @@ def test_finished_steps_are_taken_up_and_the_rest_is_made_anew(tmp_path: Path, l
 
     def once() -> list[str]:
         progress = Progress.of(tmp_path, "plan")
-        gaps = follow(steps(), logs, nothing, progress.finish, progress.kept(steps()))
+        gaps = follow(steps(), logs, nothing, progress.finish, progress.finished_steps(steps()))
         return [gap.step.name for gap in gaps]
 
     assert once() == ["b", "c"]
@@ -137,9 +137,9 @@ def test_finished_steps_are_taken_up_and_the_rest_is_made_anew(tmp_path: Path, l
     assert not made.exists()
     assert count.read_text() == "xx"  # a once, c once
     changed = [script("a", code + " "), *steps()[1:]]
-    assert Progress.of(tmp_path, "plan").kept(steps()) == {"a", "b", "c"}
-    assert Progress.of(tmp_path, "plan").kept(changed) == set()
-    assert Progress.of(tmp_path, "another plan").kept(steps()) == set()
+    assert Progress.of(tmp_path, "plan").finished_steps(steps()) == {"a", "b", "c"}
+    assert Progress.of(tmp_path, "plan").finished_steps(changed) == set()
+    assert Progress.of(tmp_path, "another plan").finished_steps(steps()) == set()
 
 
 GRACEFUL = """

@@ -332,7 +332,7 @@ def threshold(name: str, chosen: Sequence[tuple[Example, Choice]]) -> Threshold:
     good = [(one, found) for one, found in tried if found.precision >= least]
     if not good:
         return max(tried, key=lambda pair: pair[1].precision)[0]
-    return max(good, key=lambda pair: (pair[1].found, pair[1].precision))[0]
+    return max(good, key=lambda pair: (pair[1].hit_count, pair[1].precision))[0]
 
 
 def cross_weights(chosen: Sequence[Example]) -> list[Weights]:

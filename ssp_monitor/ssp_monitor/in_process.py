@@ -91,7 +91,7 @@ class InProcessRecorder(Closing):
         self._newest: dict[str, ObjectState] = {}
         self._heartbeats = 0
         self._vut_states = 0
-        self._drawn_step = -1
+        self._picture_step = -1
         self._now_ns = 0
         self._references = {target.id: 0 for target in run.targets}
         if run.camera is not None:
@@ -201,10 +201,10 @@ class InProcessRecorder(Closing):
             self.take(names.OBJECT_STATES, encode_states(array), newest_ns)
 
     def _draw(self, report: StepReport) -> None:
-        if self._camera is None or self._run.camera is None or report.step == self._drawn_step:
+        if self._camera is None or self._run.camera is None or report.step == self._picture_step:
             return
-        self._drawn_step = report.step
-        question = None if report.drive is None else report.drive.asked
+        self._picture_step = report.step
+        question = None if report.drive is None else report.drive.question
         # What the driver of a driven run was shown is what is recorded.
         jpeg = question.frames[-1].jpeg if question is not None and question.frames else None
         picture = self._camera.picture(report.step, report.now_ns, report.truths, jpeg)

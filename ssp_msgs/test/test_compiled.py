@@ -57,7 +57,9 @@ def core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def found(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str = "probed.inner") -> bool:
+def is_importable(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, name: str = "probed.inner"
+) -> bool:
     monkeypatch.setattr(sys, "path", [str(folder.parent / "path"), *sys.path])
     core = CompiledCore.read(folder)
     assert core is not None
@@ -67,9 +69,9 @@ def found(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str = "probed.inn
 def test_a_module_is_compiled_while_its_source_is_what_was_compiled(
     core: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert found(core, monkeypatch)
+    assert is_importable(core, monkeypatch)
     assert state_of_core() == "sessions run compiled"
-    assert not found(core, monkeypatch, "probed.other")
+    assert not is_importable(core, monkeypatch, "probed.other")
 
 
 @pytest.mark.parametrize("name", ["inner.py", "deep/listed_nowhere.py", "deep/added.py"])
@@ -77,7 +79,7 @@ def test_all_modules_are_interpreted_once_a_source_of_their_package_changed(
     core: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     (core.parent / "path" / "probed" / name).write_bytes(SOURCE + b"# changed\n")
-    assert not found(core, monkeypatch)
+    assert not is_importable(core, monkeypatch)
     assert f"probed/{name} isn't what it was when the core was compiled" in state_of_core()
 
 
@@ -85,7 +87,7 @@ def test_all_modules_are_interpreted_once_a_source_of_their_package_is_gone(
     core: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (core.parent / "path" / "probed" / "deep" / "listed_nowhere.py").unlink()
-    assert not found(core, monkeypatch)
+    assert not is_importable(core, monkeypatch)
     assert "probed/deep/listed_nowhere.py isn't what it was" in state_of_core()
 
 
@@ -95,7 +97,7 @@ def test_a_half_removed_core_has_all_modules_interpreted(
     table = json.loads((core / TABLE).read_text())
     table["files"]["probed.deep"] = "deep.so"
     (core / TABLE).write_text(json.dumps(table))
-    assert not found(core, monkeypatch)
+    assert not is_importable(core, monkeypatch)
     assert "deep.so is missing" in state_of_core()
     (core / "deep.so").touch()
     known = CompiledCore.read(core)
@@ -136,7 +138,7 @@ def test_what_was_made_otherwise_runs_interpreted(
 ) -> None:
     table = json.loads((core / TABLE).read_text())
     (core / TABLE).write_text(json.dumps({**table, key: value}))
-    assert not found(core, monkeypatch)
+    assert not is_importable(core, monkeypatch)
     assert why in state_of_core()
 
 

@@ -13,7 +13,7 @@ from ssp_core.cycles import STARTING
 _TOLD = "import gc\nprint(*gc.get_threshold(), gc.get_freeze_count() > 0)\n"
 
 
-def _said(folder: Path, *command: str) -> list[str]:
+def _output_words(folder: Path, *command: str) -> list[str]:
     """Run a program in a folder, and return the words that it prints."""
     done = subprocess.run(
         [sys.executable, *command], cwd=folder, capture_output=True, text=True, check=True
@@ -23,7 +23,7 @@ def _said(folder: Path, *command: str) -> list[str]:
 
 @pytest.fixture
 def usual(tmp_path: Path) -> list[str]:
-    return _said(tmp_path, "-c", _TOLD)[:3]
+    return _output_words(tmp_path, "-c", _TOLD)[:3]
 
 
 def test_a_program_searches_seldom_until_it_says_that_it_has_started(
@@ -34,8 +34,8 @@ def test_a_program_searches_seldom_until_it_says_that_it_has_started(
     (tmp_path / "ours" / "__init__.py").write_text("import ssp_core\n")
     (tmp_path / "ours" / "starts.py").write_text(_TOLD)
     (tmp_path / "ours" / "runs.py").write_text(f"{program}search_as_usual()\n{_TOLD}")
-    assert _said(tmp_path, "-m", "ours.starts") == [str(STARTING), *usual[1:], "False"]
-    assert _said(tmp_path, "-m", "ours.runs") == [*usual, "True"]
+    assert _output_words(tmp_path, "-m", "ours.starts") == [str(STARTING), *usual[1:], "False"]
+    assert _output_words(tmp_path, "-m", "ours.runs") == [*usual, "True"]
 
 
 @pytest.mark.parametrize("command", [("-c", f"import ssp_core\n{_TOLD}"), ("-m", "others")])
@@ -43,4 +43,4 @@ def test_a_program_of_others_that_imports_us_searches_as_before(
     tmp_path: Path, usual: list[str], command: tuple[str, str]
 ) -> None:
     (tmp_path / "others.py").write_text(f"import ssp_core\n{_TOLD}")
-    assert _said(tmp_path, *command) == [*usual, "False"]
+    assert _output_words(tmp_path, *command) == [*usual, "False"]

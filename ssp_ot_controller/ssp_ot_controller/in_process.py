@@ -76,7 +76,7 @@ class InProcessPlant:
         self._steady_ns = 0
         self._running = False
         self._over = False
-        self._driver_told = False
+        self._driver_end_reported = False
         self._vut_state: ObjectState | None = None
 
     def hold(self, word: ManagerUpdate) -> StepReport:
@@ -117,8 +117,8 @@ class InProcessPlant:
         limits, driver = [], world.driver
         faults = [change.fact(names.SIL_WORLD, before_ns) for change in driver.fault_changes]
         driver.fault_changes.clear()
-        if driver.external_is_silent and not self._driver_told:
-            self._driver_told = True
+        if driver.external_is_silent and not self._driver_end_reported:
+            self._driver_end_reported = True
             limits.append(self._driver_lost(driver.external_silence_s))
         # As in the node: in the step in which the run ends, too, the VUT's state is disturbed.
         stepped = self._running or (self._over and before_ns != now_ns)
@@ -137,8 +137,8 @@ class InProcessPlant:
         for object_id, command in answer.commands:
             self._commands[object_id] = world.step_index, command
         drive = self._drive(vut_states, truths) if self._running or not self._over else None
-        if drive is not None and drive.died and not self._driver_told:
-            self._driver_told = True
+        if drive is not None and drive.died and not self._driver_end_reported:
+            self._driver_end_reported = True
             limits.append(self._driver_lost(0.0, f"it ended: {drive.died}"))
         return StepReport(
             step=world.step_index,

@@ -60,10 +60,10 @@ def _roles(text: str) -> list[str]:
 
 
 def _session(context: LaunchContext) -> list[Node | LogInfo]:
-    def given(name: str) -> str:
+    def argument(name: str) -> str:
         return str(LaunchConfiguration(name).perform(context))
 
-    run_file, roles = given("run_file"), _roles(given("roles"))
+    run_file, roles = argument("run_file"), _roles(argument("roles"))
     spec = load_run(run_file)
     if spec.mode != "live":
         raise InputError(
@@ -72,17 +72,17 @@ def _session(context: LaunchContext) -> list[Node | LogInfo]:
             field="mode",
             remedy="`ssp run --mode live --wait` writes one; sil.launch.py is for simulated ones",
         )
-    remappings = [(ours, given(name)) for name, ours in CAMERA_TOPICS.items() if given(name)]
+    remappings = [(ours, argument(name)) for name, ours in CAMERA_TOPICS.items() if argument(name)]
     run = {"run_file": run_file}
     made: dict[str, list[Node | LogInfo]] = {
         "monitor": [
-            _node("ssp_monitor", "monitor", {**run, "bag_dir": given("bag_dir")}, remappings)
+            _node("ssp_monitor", "monitor", {**run, "bag_dir": argument("bag_dir")}, remappings)
         ],
         "targets": [
             _node(
                 "ssp_ot_controller",
                 "object_target",
-                {**run, "object_ids": given("object_ids"), "bodies": given("bodies")},
+                {**run, "object_ids": argument("object_ids"), "bodies": argument("bodies")},
                 [],
             )
         ],
@@ -92,8 +92,8 @@ def _session(context: LaunchContext) -> list[Node | LogInfo]:
                 "vut_adapter",
                 {
                     **run,
-                    **{name: given(name) for name in _RECEIVER},
-                    **{f"unit_{k}": float(given(f"unit_{k}")) for k in _UNIT},
+                    **{name: argument(name) for name in _RECEIVER},
+                    **{f"unit_{k}": float(argument(f"unit_{k}")) for k in _UNIT},
                 },
                 [],
             )
@@ -109,7 +109,7 @@ def _session(context: LaunchContext) -> list[Node | LogInfo]:
             LogInfo(msg=f"to see what is connected: ssp doctor --session {run_file}"),
             LogInfo(msg=f"to start the run: {goal}"),
         ]
-    if "monitor" in roles and not given("bag_dir"):
+    if "monitor" in roles and not argument("bag_dir"):
         raise InputError("is missing", field="bag_dir", remedy="the monitor records into it")
     return [entity for role in ROLES if role in roles for entity in made[role]]
 

@@ -97,7 +97,7 @@ class Handler(BaseHTTPRequestHandler):
         """Return the outcome; None where the sender has gone before its turn."""
         future = self.service.offer(self._request())
         while not wait([future], LOOK_S).done:
-            if _has_gone(self.connection) and future.cancel():
+            if _is_closed(self.connection) and future.cancel():
                 return None
         if future.cancelled():
             raise RefusedError(503, "the service is stopping")
@@ -145,7 +145,7 @@ class Handler(BaseHTTPRequestHandler):
         """Log nothing: what counts stands in the answers."""
 
 
-def _has_gone(connection: socket.socket) -> bool:
+def _is_closed(connection: socket.socket) -> bool:
     """Tell whether the other side has closed its connection."""
     readable, _, _ = select.select([connection], [], [], 0)
     if not readable:

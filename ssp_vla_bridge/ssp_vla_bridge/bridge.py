@@ -98,7 +98,7 @@ RELEASE_PERIOD_NS = NS_PER_S // 20
 A = TypeVar("A")
 
 
-class HeldAnswers(Generic[A]):
+class AnswerQueue(Generic[A]):
     """Answers in their order, each until a listener can receive it.
 
     Discovery isn't symmetric: a client that already reaches the bridge may not be reached yet, on a
@@ -110,14 +110,14 @@ class HeldAnswers(Generic[A]):
 
     def __init__(self, worth_ns: int) -> None:
         self._worth_ns = worth_ns
-        self._held: deque[tuple[int, A]] = deque(maxlen=MOST_HELD)
+        self._queue: deque[tuple[int, A]] = deque(maxlen=MOST_HELD)
         # When those that were released last were, ns.
         self._released: deque[int] = deque(maxlen=MOST_AT_ONCE)
 
     def hold(self, answer: A, now_ns: int) -> bool:
         """Take an answer; return True when the oldest one gave way to it."""
-        full = len(self._held) == MOST_HELD
-        self._held.append((now_ns + self._worth_ns, answer))
+        full = len(self._queue) == MOST_HELD
+        self._queue.append((now_ns + self._worth_ns, answer))
         return full
 
     def release(self, has_listener: bool, now_ns: int) -> tuple[list[A], int]:
@@ -132,12 +132,12 @@ class HeldAnswers(Generic[A]):
             since they are worth nothing any more.
         """
         given_up = 0
-        while self._held and self._held[0][0] < now_ns:
-            self._held.popleft()
+        while self._queue and self._queue[0][0] < now_ns:
+            self._queue.popleft()
             given_up += 1
         answers: list[A] = []
-        while has_listener and self._held and self._has_room(now_ns):
-            answers.append(self._held.popleft()[1])
+        while has_listener and self._queue and self._has_room(now_ns):
+            answers.append(self._queue.popleft()[1])
             self._released.append(now_ns)
         return answers, given_up
 
@@ -180,7 +180,7 @@ class BridgeHealth:
 
     def status(self, waiting: int, now_ns: int) -> Status:
         """Return the bridge's health now."""
-        level, message = self._judged(now_ns)
+        level, message = self._assess(now_ns)
         values = [
             ("model", self.model_id),
             ("answered", str(self.answered)),
@@ -198,7 +198,7 @@ class BridgeHealth:
         name = f"ssp: vla_bridge {self.model}"
         return Status(name, f"vla_bridge_{self.model}", level, message, tuple(values))
 
-    def _judged(self, now_ns: int) -> tuple[Level, str]:
+    def _assess(self, now_ns: int) -> tuple[Level, str]:
         busy_s = 0.0 if self.busy_since_ns is None else ns_to_seconds(now_ns - self.busy_since_ns)
         if busy_s > self.timeout_s:
             return Level.ERROR, f"the model has been at one request for {busy_s:.0f} s"
@@ -234,7 +234,7 @@ class ShadowRequests:
     camera: CameraGeometry | None = None
     _frames: list[Frame] = field(default_factory=list)
     _states: list[ObjectState] = field(default_factory=list)
-    _asked_ns: int | None = None
+    _request_ns: int | None = None
     _previous: Response | None = None
     _open: dict[str, Request] = field(default_factory=dict)
     _of_before: set[str] = field(default_factory=set)  # open ones from before time began anew
@@ -258,7 +258,7 @@ class ShadowRequests:
         oldest_ns = frame.stamp_ns - seconds_to_ns(self.rules.frame_span_s)
         while self._frames[0].stamp_ns < oldest_ns:
             del self._frames[0]
-        asked_ns = self._asked_ns
+        asked_ns = self._request_ns
         return asked_ns is None or frame.stamp_ns >= asked_ns + self.period_ns - _EARLY_NS
 
     def request(self) -> Request:
@@ -270,7 +270,7 @@ class ShadowRequests:
         if not self._frames:
             raise ValueError("there is no frame to ask about")
         stamps_ns = [frame.stamp_ns for frame in self._frames]
-        now_ns = self._asked_ns = stamps_ns[-1]
+        now_ns = self._request_ns = stamps_ns[-1]
         indices = choose(stamps_ns, len(stamps_ns) - 1, self.rules)
         states_ns = [state.stamp_ns for state in self._states]
         history = ego_history(states_ns, self._states.__getitem__, now_ns, self.rules)
@@ -308,7 +308,7 @@ class ShadowRequests:
             return
         self._frames.clear()
         self._states.clear()
-        self._asked_ns = self._previous = None
+        self._request_ns = self._previous = None
         self._of_before.update(self._open)
 
 

@@ -65,7 +65,7 @@ _UNKNOWN_TO_BLIND = "How your vehicle has moved until now is not known; assume n
 _TOLERANCE = 1e-9
 
 
-def shown(request: Request, blind: bool) -> Request:
+def visible_request(request: Request, blind: bool) -> Request:
     """Return the request that prompts and pictures are made from; a blind model's has no frame."""
     return replace(request, frames=()) if blind else request
 
@@ -328,7 +328,7 @@ def words_sha256(backend: str, options: Mapping[str, Any], request: Request) -> 
             words = native_prompt(interface, request)
             return None if words is None else sha256_json(words)
         stages = PROMPTS.get(interface, ())
-        request = shown(request, blind=is_blind(options))
+        request = visible_request(request, blind=is_blind(options))
         left_open = {stage.name: f"({stage.name})" for stage in stages}
         return sha256_json([[s.name, s.build(request, left_open).sha256] for s in stages])
     except InputError as error:  # the answer will be this error

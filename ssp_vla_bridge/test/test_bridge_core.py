@@ -19,7 +19,7 @@ from ssp_vla_bridge.bridge import (
     MOST_AT_ONCE,
     MOST_HELD,
     RELEASE_PERIOD_NS,
-    HeldAnswers,
+    AnswerQueue,
     RequestQueue,
 )
 from ssp_vla_bridge.messages import (
@@ -192,7 +192,7 @@ def test_the_queue_answers_each_request_once(make_request):
 
 
 def test_answers_wait_for_a_listener_as_long_as_they_are_worth_something():
-    held = HeldAnswers[str](60 * NS_PER_S)
+    held = AnswerQueue[str](60 * NS_PER_S)
     assert not held.hold("a", 0)
     assert not held.hold("b", 30 * NS_PER_S)
     assert held.release(False, 60 * NS_PER_S) == ([], 0)
@@ -204,7 +204,7 @@ def test_answers_wait_for_a_listener_as_long_as_they_are_worth_something():
 
 
 def test_answers_that_nobody_hears_are_bounded_and_released_as_fast_as_a_queue_takes_them():
-    held = HeldAnswers[int](60 * NS_PER_S)
+    held = AnswerQueue[int](60 * NS_PER_S)
     assert not any(held.hold(k, 0) for k in range(MOST_HELD))
     assert held.hold(MOST_HELD, 0)
     released = []

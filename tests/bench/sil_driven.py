@@ -58,9 +58,9 @@ def bound(run: RunSpec, of: Start, record: Record) -> float:
     frames, shown = QuestionFrames(run, 0.9), 0
     for one in record.reports:
         frames.see(one.step, one.now_ns, one.truths)
-        if one.drive is not None and one.drive.asked is not None:
+        if one.drive is not None and one.drive.question is not None:
             # The first question shows what was there before, too.
-            count = len(one.drive.asked.frames) if not shown else 1
+            count = len(one.drive.question.frames) if not shown else 1
             stamps = len(frames.stamps_ns)
             frames.show(range(stamps - count, stamps))
             shown += count
@@ -78,7 +78,7 @@ def main() -> None:
     driven(run)  # imports, kernels and the server of models are there now
     found = [driven(run) for _ in range(ROUNDS)]
     rates = [rate for rate, _ in found]
-    asked = sum(r.drive is not None and r.drive.asked is not None for r in found[0][1].reports)
+    asked = sum(r.drive is not None and r.drive.question is not None for r in found[0][1].reports)
     report(
         "sil_driven: a model, 720p camera",
         statistics.median(rates),

@@ -107,10 +107,10 @@ def test_a_recording_is_drawn_anew_and_nothing_else_changes(recorded: Path, tmp_
         source, facts = read_provenance(before), read_provenance(after)
         assert check_bag(out).ok
         assert read_seal(after).sources[0].sha256 == source.bag_sha256 == told["of_sha256"]
-    assert facts.drawn is not None
-    assert facts.drawn.of_sha256 == source.bag_sha256
+    assert facts.redrawing is not None
+    assert facts.redrawing.of_sha256 == source.bag_sha256
     assert facts.renderer == COUNTERPART
-    assert f"drawn anew by CARLA from the states of {facts.drawn.of}" in facts.origin
+    assert f"drawn anew by CARLA from the states of {facts.redrawing.of}" in facts.origin
     # However they are ordered, these two are one recording.
     assert _shared(source, facts)
     assert _shared(facts, source)

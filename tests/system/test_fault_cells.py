@@ -58,12 +58,12 @@ def test_a_fault_of_a_process_is_answered_as_it_is_written(
         triggers = [t.model_copy(update={"held_for_s": HELD_S}) for t in scene.run.triggers]
         scene = replace(scene, run=scene.run.model_copy(update={"triggers": triggers}))
     (result,) = run_cells(scene, [(ROWS[name], stage)])
-    assert result.judged is not None
+    assert result.judgement is not None
     assert result.folder is not None
     # How soon on the wall's clock says nothing on a busy machine, nor that the manager itself was
     # kept waiting; `ssp faults` judges that too.
     findings = [
-        f for f in result.judged.findings if not f.endswith("(wall)") and not BUSY.search(f)
+        f for f in result.judgement.findings if not f.endswith("(wall)") and not BUSY.search(f)
     ]
     assert findings == [], (result.folder / SAID_FILE).read_text()
     expected = ROWS[name].cells[stage]
@@ -71,7 +71,7 @@ def test_a_fault_of_a_process_is_answered_as_it_is_written(
     reasons = json.loads((result.folder / "result.json").read_text())["reasons"]
     named = [reason for reason in reasons if not BUSY.search(reason)]
     assert named == [] or named[0].startswith(tuple(expected.primary)), reasons
-    assert result.judged.reaction is None or result.judged.reaction.seconds is not None
+    assert result.judgement.reaction is None or result.judgement.reaction.seconds is not None
     if stage is not Stage.ARMED:
-        assert set(result.judged.stops) == {"ot1", "vut"}
-        assert all(stop.kept for stop in result.judged.stops.values())
+        assert set(result.judgement.stops) == {"ot1", "vut"}
+        assert all(stop.is_within_bound for stop in result.judgement.stops.values())

@@ -124,14 +124,14 @@ class Realisation:
     """A row of ``realisations.csv``.
 
     Args:
-        judged: None: the arm made no run for the place.
+        judgement: None: the arm made no run for the place.
     """
 
     place: str
     arm: str
     seed: int
     compiled: bool
-    judged: Judgement | None
+    judgement: Judgement | None
     why: str
 
 
@@ -214,7 +214,7 @@ def _cells(judgement: Judgement) -> Row:
         judgement.verdict,
         cell(judgement.valid),
         cell(judgement.off_spec),
-        *(cell(judgement.kept.get(name)) for name in FIELDS),
+        *(cell(judgement.retention.get(name)) for name in FIELDS),
         cell(judgement.located),
         cell(judgement.kpr),
         cell(judgement.epd),
@@ -241,7 +241,7 @@ def read_realisation(row: Row) -> Realisation:
     judgement = Judgement(
         verdict=one["verdict"],
         off_spec=one["off_spec"] == "true",
-        kept={name: one[name] == "true" for name in FIELDS if one[name]},
+        retention={name: one[name] == "true" for name in FIELDS if one[name]},
         kpr=number("kpr"),
         epd=number("epd"),
         located=one["located"] == "true",
@@ -304,7 +304,7 @@ def check_control(realisations: Sequence[Realisation]) -> None:
     """
     failed = []
     for one in realisations:
-        judgement = one.judged
+        judgement = one.judgement
         kpr = None if judgement is None else judgement.kpr
         if judgement is None or kpr is None:
             shortfall = "no KPR"

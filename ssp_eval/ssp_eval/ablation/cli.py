@@ -108,9 +108,9 @@ def _say(
         return
     console.out.print(_console_table(placed))
     control = ", ".join(
-        f"{one.arm} {one.judged.kpr:.2f}"
+        f"{one.arm} {one.judgement.kpr:.2f}"
         for one in outcomes
-        if one.place == SOURCE_PLACE and one.judged is not None and one.judged.kpr is not None
+        if one.place == SOURCE_PLACE and one.judgement is not None and one.judgement.kpr is not None
     )
     console.out.print(f"KPR at {SOURCE_PLACE}: {control}", markup=False)
     for text in findings(placed):

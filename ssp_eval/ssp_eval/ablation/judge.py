@@ -40,7 +40,7 @@ class Judgement:
     Args:
         verdict: of its session.
         off_spec: sound, but without K*'s passing order, time gap, or event.
-        kept: q(d, k) = q(Syn, k) per field of KPR; empty: nothing could be measured.
+        retention: q(d, k) = q(Syn, k) per field of KPR; empty: nothing could be measured.
         kpr: METHOD 4; None without measured states.
         epd: METHOD 4; None where a phase isn't located.
         located: every key phase is located.
@@ -51,7 +51,7 @@ class Judgement:
 
     verdict: str
     off_spec: bool = False
-    kept: Mapping[str, bool] = field(default_factory=dict)
+    retention: Mapping[str, bool] = field(default_factory=dict)
     kpr: float | None = None
     epd: float | None = None
     located: bool = False
@@ -105,7 +105,7 @@ def judge_trial(event: Event, road: Road, words: Mapping[str, str], trial: Trial
     return Judgement(
         verdict=verdict,
         off_spec=off_spec,
-        kept=retention,
+        retention=retention,
         kpr=property_retention(properties, targets, weights),
         epd=_epd(event, measured),
         located=not missing,

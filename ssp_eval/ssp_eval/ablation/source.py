@@ -35,12 +35,12 @@ class Source:
     Args:
         series: (clip time in s, states by id), times rising.
         road: of the source's own place, map frame of the states.
-        said_by: what it was read from, for people.
+        origin: what it was read from, for people.
     """
 
     series: Series
     road: Road
-    said_by: str
+    origin: str
 
 
 # Slower than this a body stands, m/s.

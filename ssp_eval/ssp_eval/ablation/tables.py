@@ -55,11 +55,11 @@ class Measure:
 
 
 def _judgement_flag(key: str) -> Callable[[Realisation], bool]:
-    return lambda one: one.judged is not None and bool(getattr(one.judged, key))
+    return lambda one: one.judgement is not None and bool(getattr(one.judgement, key))
 
 
 def _retention_flag(field: str) -> Callable[[Realisation], bool]:
-    return lambda one: one.judged is not None and one.judged.kept.get(field, False)
+    return lambda one: one.judgement is not None and one.judgement.retention.get(field, False)
 
 
 SHARES = (
@@ -106,7 +106,7 @@ def share_of_arm(realisations: Sequence[Realisation], arm: str, measure: Measure
 
 def values_of(realisations: Sequence[Realisation], arm: str, key: str) -> list[float]:
     """Return KPR or EPD of an arm where it was measured."""
-    own = (getattr(one.judged, key) for one in realisations if one.arm == arm and one.judged)
+    own = (getattr(one.judgement, key) for one in realisations if one.arm == arm and one.judgement)
     return [value for value in own if value is not None]
 
 
@@ -222,9 +222,9 @@ def _shares(realisations: Sequence[Realisation], first: str, second: str, measur
 def _values(realisations: Sequence[Realisation], first: str, second: str, key: str) -> Pair:
     one, other = (
         {
-            (r.place, r.seed): float(getattr(r.judged, key))
+            (r.place, r.seed): float(getattr(r.judgement, key))
             for r in realisations
-            if r.arm == arm and r.judged is not None and getattr(r.judged, key) is not None
+            if r.arm == arm and r.judgement is not None and getattr(r.judgement, key) is not None
         }
         for arm in (first, second)
     )
@@ -282,7 +282,7 @@ def places_table(realisations: Sequence[Realisation]) -> Table:
     for place in dict.fromkeys(one.place for one in realisations):
         for arm in ARMS:
             own = [one for one in realisations if (one.place, one.arm) == (place, arm)]
-            admitted = [one for one in own if one.judged is not None and one.judged.admitted]
+            admitted = [one for one in own if one.judgement is not None and one.judgement.admitted]
             why = next((one.why for one in own if one.why), "")
             compiled = sum(one.compiled for one in own)
             rows.append((place, arm, len(own), compiled, len(admitted), why))

@@ -70,7 +70,7 @@ def by_tracks(tracks: Tracks, ground: Ground, trials: Trials) -> ArmRun:
     best: tuple[float, ArmRun] | None = None
     why = ""
     for number, placement in enumerate(candidates):
-        laid = _laid(tracks, ground, placement.block)
+        laid = _place_tracks(tracks, ground, placement.block)
         headways = HEADWAYS_S if number == 0 or best is None else (best[1].driver.headway_s,)
         for headway_s in headways:
             try:
@@ -87,7 +87,7 @@ def by_tracks(tracks: Tracks, ground: Ground, trials: Trials) -> ArmRun:
     return best[1]
 
 
-def _laid(tracks: Tracks, ground: Ground, block: Block) -> _PlacedTracks:
+def _place_tracks(tracks: Tracks, ground: Ground, block: Block) -> _PlacedTracks:
     speeds = [tracks.vut.speed_mps, *(one.speed_mps for one in tracks.others)]
     share = slower_by(ground, block, speeds)
     cruise_mps = share * float(tracks.vut.speed_mps[0])
@@ -103,7 +103,7 @@ def _laid(tracks: Tracks, ground: Ground, block: Block) -> _PlacedTracks:
 
 def _need_m(tracks: Tracks, ground: Ground) -> float:
     way = np.hypot(np.diff(tracks.vut.x_m), np.diff(tracks.vut.y_m)).sum()
-    return float(way) + max(_laid(tracks, ground, block).way_m for block in ground.blocks)
+    return float(way) + max(_place_tracks(tracks, ground, block).way_m for block in ground.blocks)
 
 
 def _map_places(
@@ -123,7 +123,7 @@ def _map_places(
 
 
 def _bodies(tracks: Tracks, ground: Ground) -> Callable[[Block, BlockLane, float], list[Body]]:
-    laid = {block.block_id: _laid(tracks, ground, block) for block in ground.blocks}
+    laid = {block.block_id: _place_tracks(tracks, ground, block) for block in ground.blocks}
 
     def bodies(block: Block, lane: BlockLane, start_s_m: float) -> list[Body]:
         end_bodies = []

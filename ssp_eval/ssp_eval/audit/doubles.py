@@ -106,8 +106,8 @@ def _shared(first: Provenance, second: Provenance) -> list[str]:
 
 def _sources(facts: Provenance) -> dict[str, str]:
     """Return the hashes of the sources that a recording was imported or drawn from, by name."""
-    if facts.drawn is not None:
-        return {"recording that was drawn anew": facts.drawn.of_sha256}
+    if facts.redrawing is not None:
+        return {"recording that was drawn anew": facts.redrawing.of_sha256}
     record = facts.imported
     if record is None:
         return {}

@@ -118,7 +118,7 @@ def _roles(event: Event) -> Property:
     return _event_property(words)
 
 
-def seen_field(who: str) -> str:
+def visibility_field(who: str) -> str:
     """Name the field of the review of an OT's visibility."""
     return f"seen {who}"
 
@@ -138,7 +138,7 @@ def reviewed_paths(event: Event) -> dict[str, tuple[str, ...]]:
         CONFLICT: ("interaction.relation",),
         ORDER: ("interaction.passing_order",),
         **{
-            seen_field(who): tuple(
+            visibility_field(who): tuple(
                 f"motion.{who}.{phase}.position" for phase in ("trigger", "conflict")
             )
             for who, participant in event.participants.items()
@@ -212,14 +212,14 @@ class Evidence:
 
     Args:
         source: states, reviewed or observed.
-        said_by: for people: which states, which K*, who looked.
+        origin: for people: which states, which K*, who looked.
         properties: q(d, k) of the fields that it says something about. One whose words are None was
             looked for and isn't there, which is no silence.
         starts: clip times of the phases that it locates, s; None: it doesn't speak of phases.
     """
 
     source: Source
-    said_by: str
+    origin: str
     properties: Mapping[str, Property]
     starts: Mapping[str, float] | None
 
@@ -230,7 +230,7 @@ class Value:
 
     property: Property
     source: Source
-    said_by: str
+    origin: str
 
 
 UNVERIFIED = Value(
@@ -252,15 +252,15 @@ def combined(evidence: Sequence[Evidence]) -> dict[str, Value]:
             continue
         first, value = values[0]
         words = dict(value.words or {})
-        how, said_by, source = value.how, first.said_by, first.source
+        how, origin, source = value.how, first.origin, first.source
         for other, more in values[1:]:
             added = {part: w for part, w in (more.words or {}).items() if part not in words}
             if value.words is not None and added:
                 words |= added
-                how += f"; {', '.join(p.replace('_', ' ') for p in added)}: {other.said_by}"
+                how += f"; {', '.join(p.replace('_', ' ') for p in added)}: {other.origin}"
                 source = other.source
         values_by_field[name] = Value(
-            Property(words if value.words is not None else None, how), source, said_by
+            Property(words if value.words is not None else None, how), source, origin
         )
     return values_by_field
 
@@ -313,10 +313,8 @@ def observed_differences(
             parts = reference.without([p for p in reference.words or {} if p not in observed.words])
             differing = differences(told_by_both, parts)
             if differing is None:
-                text = f"{name.replace('_', ' ')}: {other.said_by} says {observed.text}"
-                contradictions.append(
-                    Difference(f"{text}; {counts.said_by}: {reference.how}", True)
-                )
+                text = f"{name.replace('_', ' ')}: {other.origin} says {observed.text}"
+                contradictions.append(Difference(f"{text}; {counts.origin}: {reference.how}", True))
                 continue
             may_vary = set(varying) & set(differing) if name == TOPOLOGY else set()
             for refuses, of in (
@@ -325,9 +323,9 @@ def observed_differences(
             ):
                 if of:
                     deviation = "; ".join(f"{p} {a}, not {b}" for p, (a, b) in of.items())
-                    text = f"{name.replace('_', ' ')}: {other.said_by} says {deviation}"
+                    text = f"{name.replace('_', ' ')}: {other.origin} says {deviation}"
                     why = reference.how if refuses else "it may vary between domains"
-                    contradictions.append(Difference(f"{text}; {counts.said_by}: {why}", refuses))
+                    contradictions.append(Difference(f"{text}; {counts.origin}: {why}", refuses))
         contradictions += _phase_differences(evidence[:index], other)
     return contradictions
 
@@ -343,7 +341,7 @@ def _phase_differences(before: Sequence[Evidence], other: Evidence) -> list[Diff
         if known_s is not None and abs(t_s - known_s) <= OBSERVED_TOLERANCE_S:
             continue
         where = "is nowhere" if known_s is None else f"is at {known_s:.2f} s"
-        text = f"the {phase}: {other.said_by} says {t_s:.2f} s; by {first.said_by} it {where}"
+        text = f"the {phase}: {other.origin} says {t_s:.2f} s; by {first.origin} it {where}"
         predicted = known_s is not None and first.source == "states" and phase in PREDICTED
         contradictions.append(
             Difference(f"{text}, a prediction" if predicted else text, not predicted)
@@ -414,7 +412,7 @@ class Subject:
     version: str | None
     is_source: bool
     rules: EventRules
-    said: tuple[Evidence, ...]
+    evidence_sources: tuple[Evidence, ...]
     values: Mapping[str, Value]
     crop: Crop | None
     measured: Measurements | None
@@ -430,9 +428,9 @@ class Subject:
     def observed_differences(self) -> list[Difference]:
         """List where an observation differs from a source that ranks above it."""
         varying = frozenset[str]() if self.event is None else varying_parts(self.event)
-        return observed_differences(self.said, varying)
+        return observed_differences(self.evidence_sources, varying)
 
     @property
     def located(self) -> Evidence | None:
         """Source of the phases' starts; None without one."""
-        return next((one for one in self.said if one.starts is not None), None)
+        return next((one for one in self.evidence_sources if one.starts is not None), None)

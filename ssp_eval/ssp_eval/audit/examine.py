@@ -151,7 +151,7 @@ def _subject(recording: Recording, event: Event | None, version: str | None) -> 
         version=version,
         is_source=is_source,
         rules=rules_of(event, recording.provenance.run),
-        said=tuple(evidence),
+        evidence_sources=tuple(evidence),
         values=combined(evidence),
         crop=crop,
         measured=measured,

@@ -81,7 +81,7 @@ def find_switches(
     sources = {s.source for s in sightings}
     for source, who in [(WORLD, p) for p in participants] + [(p, p) for p in participants]:
         if source in sources:
-            _gone(source, who, sightings, (start_s, end_s), tell)
+            _report_silence(source, who, sightings, (start_s, end_s), tell)
     for (old_a, new_a), (old_b, new_b) in combinations(jumps, 2):
         same_time = old_a.source == old_b.source == WORLD and abs(new_a.t_s - new_b.t_s) < 1e-6
         if same_time and _within_reach(old_a, new_b) and _within_reach(old_b, new_a):
@@ -99,7 +99,7 @@ def find_switches(
     return sorted(switches.values(), key=lambda switch: (switch.t_s, switch.text))
 
 
-def _gone(
+def _report_silence(
     source: str,
     who: str,
     sightings: Sequence[Sighting],
@@ -137,7 +137,7 @@ _AWAITED = (SafetyCode.EVENT_MISSING, SafetyCode.DURATION)
 class History:
     """The history beside the event."""
 
-    said_by: str
+    source: str
     findings: tuple[Finding, ...]
     identities: tuple[str, ...] = ()
     changes: tuple[ChangeEntry, ...] = ()
@@ -149,9 +149,9 @@ def examine_history(one: Subject) -> History:
     facts = recording.provenance
     findings, identities = _switches(recording)
     changes: list[ChangeEntry] = []
-    said_by = "the source gate of the K*" if one.is_source else "nobody"
+    source = "the source gate of the K*" if one.is_source else "nobody"
     if facts.run is not None:
-        said_by = "the session's log"
+        source = "the session's log"
         changes, unlogged = site_changes(recording.attached, facts.run)
         findings += [*unlogged, *_safety(recording)]
     if agreement is not None:
@@ -177,14 +177,14 @@ def examine_history(one: Subject) -> History:
         ]
         is_whole = None not in (entry.safety_abort, entry.identity_switch, entry.site_changes)
         if is_whole and facts.run is None:
-            said_by = by
-    if said_by == "nobody":
+            source = by
+    if source == "nobody":
         text = (
             "log: no person declared whether there was an abort, an identity switch or a change on "
             "site"
         )
         findings.append(Finding("unverified", text))
-    return History(said_by, tuple(findings), identities, tuple(changes))
+    return History(source, tuple(findings), identities, tuple(changes))
 
 
 def _observer_statements(

@@ -288,7 +288,7 @@ def _compare(
     requirements = _without(
         {field: event_properties.get(field, unknown) for field in FIELDS}, varying
     )
-    synthetic = _as_wanted(counted[0], requirements)
+    synthetic = _with_event_words(counted[0], requirements)
     # Where nobody verified Synthetic's value, what the K* wants is at least no other event.
     reference = {k: requirements[k] if synthetic[k].words is None else synthetic[k] for k in FIELDS}
     weights = {} if event is None else {str(k): w for k, w in event.constraints.weights.items()}
@@ -363,7 +363,7 @@ def _scenario(recordings: Sequence[Recording], event: Event | None) -> str:
 class QuantityPair:
     """q(d, k) and q(Syn, k) without what may vary (METHOD 4.2)."""
 
-    found: Mapping[str, Property]
+    measured: Mapping[str, Property]
     reference: Mapping[str, Property]
     is_reference: bool
 
@@ -372,7 +372,7 @@ def _without(properties: Mapping[str, Property], varying: frozenset[str]) -> dic
     return {k: q.without(varying) if k == TOPOLOGY else q for k, q in properties.items()}
 
 
-def _as_wanted(
+def _with_event_words(
     synthetic: Mapping[str, Property], requirements: Mapping[str, Property]
 ) -> dict[str, Property]:
     """Return q(Syn, k) with those of its words that mean the same there replaced by the K*'s.
@@ -414,7 +414,7 @@ def _entry(
             "origin": facts.origin,
             "stand_in": facts.stand_in,
             "evidence": one.evidence,
-            "measured_from": "; ".join(dict.fromkeys(v.said_by for v in one.values.values())),
+            "measured_from": "; ".join(dict.fromkeys(v.origin for v in one.values.values())),
             "scenario": facts.scenario,
             "event_version": facts.event_version,
             "task_version": None if task is None else task.version,
@@ -424,7 +424,7 @@ def _entry(
             "declaration_sha256": facts.declaration_sha256,
             "labels": _labels(one),
             "observations": _observations(recording),
-            "log_said_by": one.history.said_by,
+            "log_said_by": one.history.source,
             "status": status,
             "reasons": [
                 {**reason.finding.entry, "consequences": [c.entry for c in reason.consequences]}
@@ -456,15 +456,17 @@ def _name(recording: Recording) -> str:
 
 def _property(one: Examination, compared: QuantityPair, field: str) -> PropertyEntry:
     value = one.values[field]
-    parts = differences(compared.found[field], compared.reference[field])
+    parts = differences(compared.measured[field], compared.reference[field])
     is_comparable = not compared.is_reference and parts is not None
     words = value.property.words
     return PropertyEntry(
         source=value.source,
-        said_by=value.said_by,
+        said_by=value.origin,
         words=None if words is None else {k: list(v) for k, v in words.items()},
         how=value.property.how,
-        equal=is_equal(compared.found[field], compared.reference[field]) if is_comparable else None,
+        equal=is_equal(compared.measured[field], compared.reference[field])
+        if is_comparable
+        else None,
         differences=parts if is_comparable and parts else {},
     )
 
@@ -522,7 +524,7 @@ def _kpr(compared: QuantityPair, weights: Mapping[str, float]) -> float | None:
     if any(compared.reference[field].words is None for field in FIELDS):
         return None
     try:
-        return property_retention(compared.found, compared.reference, weights)
+        return property_retention(compared.measured, compared.reference, weights)
     except ValueError:  # the K*'s weights sum to 0
         return None
 

@@ -209,7 +209,7 @@ def moving_road(one: Examination) -> Picture | None:
     if index not in jpegs:
         return None
     view = optics.view(Pose2(0.0, 0.0, 0.0))
-    arrows = _arrows(view, pair.speed_mps, "recorded") + _arrows(view, pair.seen_mps, "seen")
+    arrows = _arrows(view, pair.speed_mps, "recorded") + _arrows(view, pair.picture_mps, "seen")
     box = f"0 0 {optics.lens.width_px} {optics.lens.height_px}"
     overlay = pages.element(
         "svg",
@@ -220,7 +220,7 @@ def moving_road(one: Examination) -> Picture | None:
         aria_hidden="true",
     )
     uri = jpeg_uri(jpegs[index], one.recording.path, WIDTH_PX)
-    column = f"recorded {pair.speed_mps:.1f} m/s, seen {pair.seen_mps:.1f} m/s"
+    column = f"recorded {pair.speed_mps:.1f} m/s, seen {pair.picture_mps:.1f} m/s"
     return Picture(column, pair.t_s, None, frames[index], uri, overlay)
 
 

@@ -55,7 +55,7 @@ def examine_pictures(one: Subject) -> PictureExamination:
         return _nothing(f"the camera's geometry {what}")
     repeated = _repeated(one, who.vut)
     plan = plan_pairs(one.moments, optics, who.vut, who.targets, repeated)
-    grey = read_grey(recording.path, one.moments, recording.provenance, plan.wanted)
+    grey = read_grey(recording.path, one.moments, recording.provenance, plan.frame_indices)
     if not grey:
         return _nothing("no frame has a state of the VUT at its time")
     lanes = None if recording.road is None else recording.road.road

@@ -303,7 +303,7 @@ class Recording:
             frames_s=tuple(t_s for t_s, _ in clip_frames),
             digests=tuple(digest for _, digest in clip_frames),
             series=copied(self.series, crop.start_s - TOLERANCE_S, crop.end_s + TOLERANCE_S),
-            sightings=self._seen(crop.holds),
+            sightings=self._sightings_where(crop.holds),
         )
 
     def near(self, crop: Crop) -> Recording:
@@ -316,10 +316,10 @@ class Recording:
         return replace(
             self,
             series=copied(self.series, first_s, last_s),
-            sightings=self._seen(lambda t_s: first_s <= t_s <= last_s),
+            sightings=self._sightings_where(lambda t_s: first_s <= t_s <= last_s),
         )
 
-    def _seen(self, holds: Callable[[float], bool]) -> Sequence[Sighting]:
+    def _sightings_where(self, holds: Callable[[float], bool]) -> Sequence[Sighting]:
         """Return the sightings at times that hold; the recording's own sequence where all do."""
         sightings = Packed(Sighting, (one for one in self.sightings if holds(one.t_s)))
         return self.sightings if len(sightings) == len(self.sightings) else sightings

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Literal
 
-from ssp_eval.audit.evidence import PHASES_FIELD, Subject, review_of, seen_field
+from ssp_eval.audit.evidence import PHASES_FIELD, Subject, review_of, visibility_field
 from ssp_eval.audit.measure import Measurements, Phases
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
@@ -46,10 +46,10 @@ def examine_coverage(one: Subject) -> tuple[CoverageEntry, list[Finding]]:
     is_known = recording.optics is not None and recording.provenance.camera != "assumed"
     if measured is not None and is_known:
         entry, findings = _projected(recording, event, measured, one.moments, needed)
-        return entry, [*findings, *_seen_otherwise(entry, agreement)]
+        return entry, [*findings, *_losses_in_review(entry, agreement)]
     if one.is_source:
         entry, findings = _reviewed(event, needed)
-        return entry, [*findings, *_seen_otherwise(entry, agreement)]
+        return entry, [*findings, *_losses_in_review(entry, agreement)]
     if agreement is not None:
         visibility = agreement.answers.visibility
         shares = {who: one.share for who, one in visibility.participants.items()}
@@ -154,7 +154,7 @@ def _projected(
     return entry, findings
 
 
-def _seen_otherwise(entry: CoverageEntry, agreement: Agreement | None) -> list[Finding]:
+def _losses_in_review(entry: CoverageEntry, agreement: Agreement | None) -> list[Finding]:
     """List what should be visible and wasn't, as a person saw: spray, another lens, black frames.
 
     Of the conflict region only "never" counts: projected, it is asked for until the VUT reaches it,
@@ -193,7 +193,7 @@ def _reviewed(event: Event, needed: float) -> tuple[CoverageEntry, list[Finding]
             resolved_cells = [
                 cell for cell in cells if cell is not None and cell.position != UNRESOLVED
             ]
-            reviewed = not review.gaps[seen_field(who)]
+            reviewed = not review.gaps[visibility_field(who)]
             shares[who] = len(resolved_cells) / len(cells) if reviewed else None
     zone = None if review.gaps[PHASES_FIELD] else 1.0
     return _coverage_by_person(

@@ -137,7 +137,7 @@ class CellAnswers:
         return self.campaign, self.scenario, self.domain, self.model
 
 
-def wanted_cells(folders: Iterable[str]) -> frozenset[str]:
+def comparable_cells(folders: Iterable[str]) -> frozenset[str]:
     """Return the names of the cells to compare: changed questions, and their factual ones.
 
     Args:
@@ -152,7 +152,7 @@ def wanted_cells(folders: Iterable[str]) -> frozenset[str]:
     return frozenset(name for base, name in pairs if base in bases or name in bases)
 
 
-def asked(cell: CellData) -> CellAnswers | None:
+def answers_of_cell(cell: CellData) -> CellAnswers | None:
     """Collect the answers of a cell; None: it has no answers, or isn't compared."""
     facts, condition = cell.facts, cell.facts.condition
     is_comparable = condition in ("", REPEAT) or cause_of(condition) is not None

@@ -48,7 +48,7 @@ class Verdict(Enum):
 
     MOVED = "moved"  # more than the noise, by the test after Holm's correction
     LESS = "less than the control"  # the same, the other way
-    SEEN = "differs, untested"  # in too few recordings for any test, without any noise
+    UNTESTED = "differs, untested"  # in too few recordings for any test, without any noise
     UNCONTROLLED = "differs, no control"
     UNREPEATED = "differs, not asked again"
     NONE = "no effect"  # never differs, or its interval lies within the margin
@@ -64,7 +64,7 @@ class Effect:
         output: a slot, or TRAJECTORY.
         control: condition of the irrelevant change beside; empty: there is none.
         recordings: units; labels: label times in them at which all answers are there.
-        given: share of the answers that have this part.
+        coverage: share of the answers that have this part.
         changed: mean over recordings of the share of label times at which the answer differs from
             the factual one; of a trajectory its displacement, m.
         changed_by_control: the same of the control, None without one.
@@ -86,7 +86,7 @@ class Effect:
     control: str
     recordings: int
     labels: int
-    given: float
+    coverage: float
     changed: float | None
     changed_by_control: float | None
     size: float | None
@@ -109,7 +109,7 @@ class Effect:
     @property
     def verdict(self) -> Verdict:
         """Return the certainty of the effect."""
-        if self.size is None or self.given == 0.0:
+        if self.size is None or self.coverage == 0.0:
             return Verdict.NOT_GIVEN
         if not self.changed:
             return Verdict.NONE
@@ -124,7 +124,7 @@ class Effect:
         if self._is_small:
             return Verdict.NONE
         above = self.size > (MARGIN_M if self.output == TRAJECTORY else 0.0)
-        return Verdict.SEEN if above and not self.decidable and self._is_clear else Verdict.OPEN
+        return Verdict.UNTESTED if above and not self.decidable and self._is_clear else Verdict.OPEN
 
     @property
     def _is_clear(self) -> bool:

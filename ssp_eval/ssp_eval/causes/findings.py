@@ -11,8 +11,8 @@ from ssp_eval.causes.answers import (
     REASONING,
     TWIN,
     CellAnswers,
-    asked,
-    wanted_cells,
+    answers_of_cell,
+    comparable_cells,
 )
 from ssp_eval.causes.effects import (
     TRAJECTORY,
@@ -64,7 +64,7 @@ class Finding:
         return " ".join(self.sentences)
 
 
-_MOVED = frozenset({Verdict.MOVED, Verdict.SEEN})
+_MOVED = frozenset({Verdict.MOVED, Verdict.UNTESTED})
 _LACKS = {
     Verdict.UNCONTROLLED: "without a control",
     Verdict.UNREPEATED: "and the factual question wasn't asked again",
@@ -93,8 +93,10 @@ def moved_by(cells: Iterable[CellData]) -> MovedAnswers | None:
 def answers_in(cells: Iterable[CellData]) -> list[CellAnswers]:
     """Collect the answers of the cells that are compared."""
     listed = [*cells]
-    cell_ids = wanted_cells(cell.id for cell in listed)
-    return [answers for cell in listed if cell.id in cell_ids and (answers := asked(cell))]
+    cell_ids = comparable_cells(cell.id for cell in listed)
+    return [
+        answers for cell in listed if cell.id in cell_ids and (answers := answers_of_cell(cell))
+    ]
 
 
 def compared(answers: Iterable[CellAnswers]) -> MovedAnswers | None:
@@ -137,7 +139,7 @@ def finding(model: str, effects: Sequence[Effect]) -> Finding:
     sentences = [text for name, group in groups if (text := _sentence(name, group))]
     noise = _noise(effects)
     word, why = _word(of_object, of_history, of_pictures, by_text, noise)
-    if any(_is(e, Verdict.SEEN) for e in effects):
+    if any(_is(e, Verdict.UNTESTED) for e in effects):
         n = max(e.recordings for e in effects)
         sentences.append(
             f"{counted(n, 'recording')} can't support a test: the differences were seen in these, "
@@ -223,7 +225,7 @@ def _is_unsteady(effects: Iterable[Effect]) -> bool:
     return any(
         max(e.changed_by_control or 0.0, e.changed_by_repeat or 0.0) >= UNSTEADY
         for e in effects
-        if e.output != TRAJECTORY and e.given and e.control
+        if e.output != TRAJECTORY and e.coverage and e.control
     )
 
 
@@ -290,6 +292,6 @@ def _clause(effect: Effect) -> str:
     span = f" [{show(low or 0.0)}, {show(high or 0.0)}]" if is_tested else ""
     name = effect.output.replace("_", " ")
     where = "more of the label times" if effect.output != TRAJECTORY else "further"
-    p = "untested" if effect.verdict is Verdict.SEEN else f"Holm p {effect.p_holm:.2g}"
+    p = "untested" if effect.verdict is Verdict.UNTESTED else f"Holm p {effect.p_holm:.2g}"
     noise = "with the repeated question" if effect.above_repeat else "with the control"
     return f"{name} {show(size)}{span} {where} than {noise} ({effect.cause.words}, {p})"

@@ -38,13 +38,13 @@ class Row:
     """One cause: of the text the slot that it moves most.
 
     Args:
-        said: that slot, or why there is none.
+        note: that slot, or why there is none.
     """
 
     name: str
     path: Mark | None
     text: Mark | None
-    said: str
+    note: str
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Forest:
     text: Panel
 
 
-_LOOKS = {Verdict.MOVED: "moved", Verdict.SEEN: "seen"}
+_LOOKS = {Verdict.MOVED: "moved", Verdict.UNTESTED: "seen"}
 
 
 def forests(effects: Iterable[Effect]) -> list[Forest]:
@@ -97,7 +97,7 @@ def _forest(model: str, effects: Sequence[Effect]) -> Forest:
         those = [*group]
         path = next((e for e in those if e.output == TRAJECTORY and e.size is not None), None)
         slot_effects = [
-            e for e in those if e.output != TRAJECTORY and e.given and e.size is not None
+            e for e in those if e.output != TRAJECTORY and e.coverage and e.size is not None
         ]
         text = largest(slot_effects)
         rows.append(

@@ -97,7 +97,7 @@ def slots_table(effects: Iterable[Effect]) -> Table:
             *_begin(e)[:3],
             e.output,
             *_begin(e)[3:],
-            e.given,
+            e.coverage,
             e.changed,
             e.changed_by_control,
             e.changed_by_repeat,
@@ -146,7 +146,7 @@ def paths_table(effects: Iterable[Effect]) -> Table:
     rows: list[tuple[Value, ...]] = [
         (
             *_begin(e),
-            e.given,
+            e.coverage,
             e.changed,
             e.changed_by_control,
             e.changed_by_repeat,

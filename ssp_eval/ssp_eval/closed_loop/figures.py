@@ -66,7 +66,7 @@ def outcome_plot(driver: str, runs: Sequence[Run], rates: Sequence[Rates]) -> st
         label = "–" if one.headline is None else f"{one.headline:.2f}"
         parts += [
             pages.text(middle, _TOP - 7, label, text_anchor="middle", class_="value"),
-            pages.text(middle, floor + 15, one.latency.shown, text_anchor="middle"),
+            pages.text(middle, floor + 15, one.latency.cell_text, text_anchor="middle"),
         ]
     parts.append(pages.text(_WIDTH / 2, _HEIGHT - 4, "L, s", text_anchor="middle"))
     title = f"Outcomes of {driver} over latency"

@@ -80,7 +80,7 @@ class LoopCampaign:
     def drivers(self) -> list[str]:
         """Drivers with runs, in the order of the plan."""
         there = {one.row.driver for one in self.runs}
-        return [one.shown for one in self.plan.everybody if one.shown in there]
+        return [one.display_name for one in self.plan.everybody if one.display_name in there]
 
     @property
     def groups(self) -> dict[int, list[str]]:

@@ -43,7 +43,7 @@ from ssp_scenario_manager.closed_loop.campaigns.row_bags import bag_folder
 from ssp_scenario_manager.closed_loop.campaigns.runs import jobs_of
 from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL
 from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS
-from ssp_scenario_manager.closed_loop.outcomes.rates import refused_for, rising
+from ssp_scenario_manager.closed_loop.outcomes.rates import refusal_reasons, rising
 from ssp_scenario_manager.closed_loop.outcomes.tables import off_the_twin
 
 PAGE = "index.html"
@@ -232,7 +232,9 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
     run_count, planned = len(campaign.runs), planned_of(campaign)
     if run_count < planned:
         notices.append((f"Only {run_count} of {planned} runs are done: rates will change.", True))
-    notices += [(f"The campaign is refused: {text}.", True) for text in refused_for(rates, ZERO)]
+    notices += [
+        (f"The campaign is refused: {text}.", True) for text in refusal_reasons(rates, ZERO)
+    ]
     notices += [
         (f"Gets better with latency: {text}.", True) for text in rising(rates, campaign.drivers)
     ]

@@ -80,7 +80,7 @@ def predict(
         scores: by event and model.
         metric: name of the score.
     """
-    models = {one.shown for one in campaign.plan.everybody if one.driver not in BASELINES}
+    models = {one.display_name for one in campaign.plan.everybody if one.driver not in BASELINES}
     group_of = {name: k for k, group in campaign.groups.items() for name in group}
     cells: dict[tuple[str, Latency, int], list[Point]] = {}
     for one in campaign.rates:
@@ -145,7 +145,7 @@ def prediction_table(campaign: LoopCampaign, rows: Sequence[CellRow]) -> Table:
         ),
         tuple(
             (
-                *(o.event, o.latency.shown, o.metric, o.n, o.rho),
+                *(o.event, o.latency.cell_text, o.metric, o.n, o.rho),
                 ", ".join(f"{a} over {b}" for a, b in o.inversions),
             )
             for o in predictions

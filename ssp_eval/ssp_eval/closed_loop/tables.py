@@ -68,7 +68,7 @@ def outcome_table(rates: Iterable[Rates], event: str, drivers: Sequence[str]) ->
     )
     rows = tuple(
         (
-            *(one.driver, one.latency.shown, one.planned, one.worst),
+            *(one.driver, one.latency.cell_text, one.planned, one.worst),
             *(one.outcomes[k] for k in there),
             *(one.needless, one.starved, one.within_sd, one.between_sd),
         )
@@ -97,7 +97,7 @@ def other_starts_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
         ),
         tuple(
             (
-                *(event, kind, driver, latency.shown, len(rows)),
+                *(event, kind, driver, latency.cell_text, len(rows)),
                 *(counts[event, kind, driver, latency][one] for one in there),
                 sum(bool(row.needless) for row in rows),
             )
@@ -120,7 +120,7 @@ def severity_table(campaign: LoopCampaign, event: str, drivers: Sequence[str]) -
         if run.row.event == event and run.row.driver in drivers:
             cells.setdefault((run.row.driver, run.row.latency), []).append(run)
     for (driver, latency), runs in cells.items():
-        rows.append((driver, latency.shown, *(_middle(runs, name) for name, _ in _SEVERITY)))
+        rows.append((driver, latency.cell_text, *(_middle(runs, name) for name, _ in _SEVERITY)))
     return Table(
         f"severity_{event}",
         event,
@@ -236,7 +236,7 @@ def _pairs(name: str, what: str, campaign: LoopCampaign, pairs: Sequence[Pair]) 
         ),
         tuple(
             (
-                *(o.first, o.second, o.latency.shown, o.starts),
+                *(o.first, o.second, o.latency.cell_text, o.starts),
                 *(o.test.more, o.test.fewer, o.test.p, o.test.p_least),
             )
             for o in pairs

@@ -52,7 +52,7 @@ class Words:
     only_done: int
 
 
-def load_said(campaign: LoopCampaign) -> list[DrivenAnswer]:
+def load_texts(campaign: LoopCampaign) -> list[DrivenAnswer]:
     """Read the answers that have texts; none where no driver has any.
 
     Raises:
@@ -130,7 +130,7 @@ def words_tables(campaign: LoopCampaign) -> list[Table]:
 
     A group has its number, as in the other tables.
     """
-    answers = load_said(campaign)
+    answers = load_texts(campaign)
     if not answers:
         return []
     words = words_of(campaign, answers, lon_action_by(Extractor()))
@@ -154,7 +154,7 @@ def _table(name: str, words: Iterable[Words]) -> Table:
             Column("only_done", "brakes, says otherwise", "decimal"),
         ),
         tuple(
-            (o.driver, o.latency.shown, o.runs, o.only_said / o.runs, o.only_done / o.runs)
+            (o.driver, o.latency.cell_text, o.runs, o.only_said / o.runs, o.only_done / o.runs)
             for o in words
         ),
         notes=(

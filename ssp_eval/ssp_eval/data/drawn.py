@@ -42,7 +42,7 @@ class Redrawing(Strict):
         return description
 
 
-def read_drawn(bag: BagReader) -> Redrawing | None:
+def read_redrawing(bag: BagReader) -> Redrawing | None:
     """Read of which recording the pictures were drawn anew; None: they are its own."""
     data = bag.attachment(DRAWN_ATTACHMENT)
     if data is None:

@@ -26,7 +26,7 @@ from ssp_core.run_file.road import Road
 from ssp_core.run_file.values import NonNegative, ObjectId, Strict
 from ssp_core.run_file.verdict import VERDICT_FILE, RecordedVerdict, read_verdict
 from ssp_core.vocabulary import DomainWord, ObjectWord, SessionPhase, Verdict
-from ssp_eval.data.drawn import Redrawing, read_drawn
+from ssp_eval.data.drawn import Redrawing, read_redrawing
 from ssp_eval.data.server import ServerProbe, read_probe, read_server
 
 SCHEMA: Literal["ssp.import/2"] = "ssp.import/2"
@@ -214,7 +214,7 @@ class Provenance:
         session_start_ns: stamp of the first RUNNING state, None for an imported video.
         imported: what the importer wrote, None for a session.
         twin: in what it differs from which recording, None unless it is a twin.
-        drawn: of which recording its pictures were drawn anew, None where they are its own.
+        redrawing: of which recording its pictures were drawn anew, None where they are its own.
         scene: what the server was that drew its pictures, None where CARLA drew none.
         plant: what the server was that moved its bodies, None where they are ours or real.
         probe: of that server, as it lies beside the bag; None: there is none.
@@ -241,7 +241,7 @@ class Provenance:
     run: RunSpec | None
     imported: ImportRecord | None
     twin: str | None = None
-    drawn: Redrawing | None = None
+    redrawing: Redrawing | None = None
     scene: CarlaScene | None = None
     plant: CarlaPlantRecord | None = None
     probe: ServerProbe | None = None
@@ -311,7 +311,7 @@ class Provenance:
         """Name what drew the pictures; None where a camera took them, or it is not stated."""
         if self.scene is not None and self.scene.counterpart:
             return COUNTERPART
-        if self.drawn is not None:
+        if self.redrawing is not None:
             return CARLA
         if self.imported is not None:
             made_by = self.imported.generator
@@ -422,7 +422,7 @@ def _read(bag: BagReader, digest: str) -> Provenance:
     )
 
 
-def _told_verdict(bag: Path) -> tuple[RecordedVerdict, str] | None:
+def _verdict_with_hash(bag: Path) -> tuple[RecordedVerdict, str] | None:
     """Read the verdict in the bag's folder, and the file's hash; or None.
 
     Args:
@@ -436,7 +436,7 @@ def _told_verdict(bag: Path) -> tuple[RecordedVerdict, str] | None:
     return None if verdict is None else (verdict, sha256_file(folder / VERDICT_FILE))
 
 
-def _told_twin(bag: BagReader) -> str | None:
+def _twin_text(bag: BagReader) -> str | None:
     """Describe a twin by its attachment; None: the bag is none."""
     data = bag.attachment(TWIN_ATTACHMENT)
     if data is None:
@@ -453,7 +453,7 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     running = [stamp_ns(s.header.stamp) for s in states if s.state == SessionPhase.RUNNING]
     verdict = Verdict(states[-1].verdict) if states else Verdict.NONE
     reasons = tuple(str(reason) for reason in states[-1].reasons) if states else ()
-    verdict_file = _told_verdict(bag.path)
+    verdict_file = _verdict_with_hash(bag.path)
     if verdict_file is not None and verdict_file[0].verdict is not Verdict.VALID:
         # What went wrong after the session's last word is known to runner and recorder alone.
         verdict = verdict_file[0].verdict if verdict in (Verdict.VALID, Verdict.NONE) else verdict
@@ -467,7 +467,7 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     if bag.path.is_dir():
         check_result(run, participation, folder)
     word = folder / DECLARATION_FILE
-    redrawing, scene = read_drawn(bag), read_server(bag, CAMERA_RENDERER, CarlaScene)
+    redrawing, scene = read_redrawing(bag), read_server(bag, CAMERA_RENDERER, CarlaScene)
     plant = read_server(bag, WORLD_PLANT, CarlaPlantRecord)
     return Provenance(
         name=bag_folder(bag.path).name,
@@ -490,8 +490,8 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         session_start_ns=min(running, default=None),
         run=run,
         imported=None,
-        twin=_told_twin(bag),
-        drawn=redrawing,
+        twin=_twin_text(bag),
+        redrawing=redrawing,
         scene=scene,
         plant=plant,
         probe=None if scene is None and plant is None else read_probe(folder),
@@ -512,7 +512,7 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
     declared = record.declaration
     names = ", ".join(record.accepted_names)
     accepted = f", accepted as it is: {names}" if names else ""
-    redrawing, scene = read_drawn(bag), read_server(bag, CAMERA_RENDERER, CarlaScene)
+    redrawing, scene = read_redrawing(bag), read_server(bag, CAMERA_RENDERER, CarlaScene)
     return Provenance(
         name=bag_folder(bag.path).name,
         bag_sha256=digest,
@@ -531,7 +531,7 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
         session_start_ns=None,
         run=None,
         imported=record,
-        drawn=redrawing,
+        redrawing=redrawing,
         scene=scene,
         probe=None if scene is None else read_probe(bag_folder(bag.path)),
     )

@@ -28,7 +28,7 @@ from ssp_eval.importers.target import INFO, MOUNT
 _RENDERER = absolute(CAMERA_RENDERER)
 
 
-def write_drawn(
+def write_redrawing(
     recorded: DrawableRecording,
     pictures: Pictures,
     server: CarlaScene,

@@ -20,7 +20,7 @@ from ssp_core.files.reading import parse_model
 from ssp_core.hashing import sha256_file
 from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Redrawing
 from ssp_eval.data.provenance import bag_folder, find_bag, read_provenance
-from ssp_eval.draw.bag import write_drawn
+from ssp_eval.draw.bag import write_redrawing
 from ssp_eval.draw.pictures import Pictures
 from ssp_eval.draw.scenes import DrawableRecording, read_recorded, scenes
 from ssp_eval.recordings.states import attached
@@ -101,7 +101,7 @@ def draw(
                 left_out=len(recorded.frames_ns) - count,
                 software=f"ssp {__version__}",
             )
-            write_drawn(recorded, pictures, pictures.server, redrawing, out)
+            write_redrawing(recorded, pictures, pictures.server, redrawing, out)
             pictures.remove()
     if as_json:
         click.echo(json.dumps(redrawing.model_dump(mode="json", by_alias=True)))

@@ -74,8 +74,8 @@ def read_recorded(bag: BagReader, facts: Provenance) -> DrawableRecording:
     Raises:
         InputError: it is no session with states and frames, or was drawn anew or is a twin itself.
     """
-    if facts.twin is not None or facts.drawn is not None:
-        derivation = facts.twin if facts.drawn is None else facts.drawn.text
+    if facts.twin is not None or facts.redrawing is not None:
+        derivation = facts.twin if facts.redrawing is None else facts.redrawing.text
         raise InputError(
             f"isn't as it was recorded: {derivation}",
             file=bag.path,

@@ -124,7 +124,7 @@ def plan_of(
                 continue
             counts["cells"] += 1
             counts["questions"] += each
-            counts[_asked_for(model)] += each
+            counts[_purpose(model)] += each
     return Plan(
         label_times=counts["label_times"],
         cells=counts["cells"],
@@ -141,7 +141,7 @@ def plan_of(
     )
 
 
-def _asked_for(model: ModelSpec) -> str:
+def _purpose(model: ModelSpec) -> str:
     """Describe the purpose of asking a model, in the words of plan_of."""
     if model.condition.startswith(TWIN):
         return "twins"
@@ -218,7 +218,7 @@ def _labelled(
 ) -> LabelledClip:
     admission.check_is_of(clip.provenance)
     observed = {file.name: sha256_file(file) for file in find_observations(clip.path)}
-    bag_admission = admission.held_against(clip.provenance.verdict_sha256, observed)
+    bag_admission = admission.confirm(clip.provenance.verdict_sha256, observed)
     clip.crop_to(bag_admission.crop)
     return LabelledClip(clip, labels, source, proposed, bag_admission)
 

@@ -88,7 +88,7 @@ def evaluate_cells(
     """
     for model in models:
         check_unchanged(_folder(labelled, model, out))
-    places = {model.shown: _place(labelled, model, out, options) for model in models}
+    places = {model.result_name: _place(labelled, model, out, options) for model in models}
     labels = labelled.labels.labels
     if labelled.refusal is not None:
         for _ in range(len(places) * len(labels)):
@@ -96,10 +96,10 @@ def evaluate_cells(
         return [_unasked(place, "refused", labelled.refusal) for place in places.values()]
     results: dict[str, CellResult] = {}
     for stage in stages_of(models, labelled.clip.provenance.bag_sha256, len(labels)):
-        of_stage = [places[model.shown] for model in stage.models]
+        of_stage = [places[model.result_name] for model in stage.models]
         answers = ask_all(of_stage, stage.rows, clients, out, options, on_record)
         for place, (exchanges, ignored) in zip(of_stage, answers, strict=True):
-            results[place.model.shown] = _scored(place, exchanges, ignored, options)
+            results[place.model.result_name] = _scored(place, exchanges, ignored, options)
     return [results[name] for name in places]
 
 
@@ -135,7 +135,7 @@ def fail_cell(
 
 
 def _folder(labelled: LabelledClip, model: ModelSpec, out: Path) -> Path:
-    return out / CELLS / f"{labelled.name}__{model.shown}"
+    return out / CELLS / f"{labelled.name}__{model.result_name}"
 
 
 def _place(labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOptions) -> CellPlace:

@@ -37,7 +37,7 @@ from ssp_eval.evaluate.run import (
     ENGINES,
     asking,
     evaluate_bags,
-    kept_on_interrupt,
+    interrupt_notice,
     result_to_json,
     run_parallel,
     show,
@@ -67,7 +67,7 @@ def model_specs(
         )
     if not models:
         raise click.UsageError("name a model: --bridge NAME, --attach NAME or --models FILE")
-    for name, count in Counter(model.shown for model in models).items():
+    for name, count in Counter(model.result_name for model in models).items():
         if count > 1:
             raise click.UsageError(f"model {name} stands {count} times")
     for model in models:
@@ -298,7 +298,7 @@ def evaluate(
     options = CellOptions(
         adapter, fresh, retry_errors, extractor=make_extractor(), thresholds=thresholds
     )
-    with kept_on_interrupt(out):
+    with interrupt_notice(out):
         if workers is None and engine == "processes":
             settings = Settings(out, make_extractor, options, timeout_s, start_timeout_s)
             results = evaluate_bags(

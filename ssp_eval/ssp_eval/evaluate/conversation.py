@@ -91,10 +91,10 @@ class _Conversation:
         labels = place.labelled.labels
         labels_sha256 = sha256_json(labels_to_json(labels))
         self._keys = AnswerKeys(place.model, labels_sha256, place.labelled.clip.start_ns)
-        self._carries = place.model.spoken.carries_previous
+        self._carries = place.model.model_interface.carries_previous
         self._client: ModelClient | None = None
         self._unreachable = ""
-        self._asked: list[Exchange] = []
+        self._exchanges: list[Exchange] = []
         self._ignored = IgnoredAnswers()
 
     def question(self, label_t_s: float) -> Question | NoQuestion:
@@ -102,7 +102,7 @@ class _Conversation:
         question = question_under(self._place.labelled, self._place.model, label_t_s)
         if isinstance(question, NoQuestion):
             return question
-        if any(one.t_s == question.t_s for one in self._asked):
+        if any(one.t_s == question.t_s for one in self._exchanges):
             reason = f"the newest frame, at {question.t_s:.3f} s, was asked about before"
             return NoQuestion(label_t_s, reason)
         previous, _ = self._previous()
@@ -110,7 +110,7 @@ class _Conversation:
 
     def _previous(self) -> tuple[Response | None, str]:
         """Return the last answer, or the reason for having none although a question was asked."""
-        last = next((one for one in reversed(self._asked) if one.request is not None), None)
+        last = next((one for one in reversed(self._exchanges) if one.request is not None), None)
         if not self._carries or last is None:
             return None, ""
         if last.record_from is None:
@@ -123,7 +123,7 @@ class _Conversation:
             nothing = Exchange(
                 question.label_t_s, None, None, None, question.reason, Loss.NO_QUESTION
             )
-            self._asked.append(nothing)
+            self._exchanges.append(nothing)
             return
         _, no_previous = self._previous()
         key = self._keys.of(question.request)
@@ -142,7 +142,7 @@ class _Conversation:
             ):
                 time.sleep(min(self._options.retry_pause_s * 2**exchange.again, _LONGEST_PAUSE_S))
                 exchange = replace(self._ask(question, key), again=exchange.again + 1)
-        self._asked.append(replace(exchange, no_previous=no_previous))
+        self._exchanges.append(replace(exchange, no_previous=no_previous))
 
     def _ask(self, question: Question, key: str) -> Exchange:
         request = replace(question.request, request_id=new_request_id(key))
@@ -173,8 +173,8 @@ class _Conversation:
 
     def finish(self) -> tuple[list[Exchange], IgnoredAnswers]:
         """Leave the stored answers and questions in order."""
-        self._store.finish(self._asked)
-        return self._asked, self._ignored
+        self._store.finish(self._exchanges)
+        return self._exchanges, self._ignored
 
 
 def _keep_frame(out: Path, frame: Frame) -> None:

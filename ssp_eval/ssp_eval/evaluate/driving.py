@@ -195,7 +195,7 @@ def bridge_model(name: str, options: Mapping[str, Any]) -> DriverModel:
         name=name,
         backend=spec.backend_name,
         options=spec.options,
-        interface=spec.spoken,
+        interface=spec.model_interface,
         adapter=spec.read_by(),
         rules=spec.rules,
         timeout_s=spec.timeout_s,

@@ -63,7 +63,7 @@ def asking(
 
 
 @contextmanager
-def kept_on_interrupt(out: Path) -> Iterator[None]:
+def interrupt_notice(out: Path) -> Iterator[None]:
     """Tell a user who interrupts a campaign that its answers are kept."""
     try:
         yield
@@ -105,7 +105,7 @@ def show(results: Sequence[CellResult], out: Path) -> None:
             console.note(f"{place}: counts as unaudited, audit it again: {why}")
     stored = sum(result.reused for result in results)
     if stored:
-        sent = sum(result.asked for result in results)
+        sent = sum(result.sent for result in results)
         console.note(f"asked: {sent}; answers that were stored already: {stored}")
     outside = sorted({r.admission for r in results} - {ADMITTED, REFUSED})
     if outside:
@@ -135,7 +135,7 @@ def result_to_json(result: CellResult) -> dict[str, Any]:
         "admission_reasons": list(result.admission_reasons),
         "driven_by": result.driven_by,
         "reasons": list(result.reasons),
-        "sent": result.asked,
+        "sent": result.sent,
         "reused": result.reused,
         "asked_again": result.again,
         "missing": result.missing,

@@ -113,11 +113,11 @@ class Binder(ClauseFacts):
                 return  # Brake. In lane.
             actor = self._owner()
             sides = {"left", "right"} & set(self.words[hit.first : hit.stop])
-            named = self.near is not None and self._adjoins(index)
+            is_near = self.near is not None and self._adjoins(index)
             if (
                 sides
                 and actor is not None
-                and (named or (not self.planned and self.subject is not EGO))
+                and (is_near or (not self.planned and self.subject is not EGO))
             ):
                 self._place(index, hit._replace(kind="place", value=sides.pop()), flags)
                 return  # a van in the right lane
@@ -227,18 +227,18 @@ class Binder(ClauseFacts):
         if hit.form != "the" and following.value == "may" and following.first == hit.stop:
             flags |= Scope.POSSIBLE  # a child may run out: there is none
         if flags & (Scope.QUOTED | Scope.DENIED | Scope.IMAGINED | Scope.POSSIBLE | Scope.PAST):
-            known, alone = self._known(hit), not self.words[hit.first - 1].isalpha()
-            kept = hit.form == "the" or flags == Scope.PAST or alone
-            if known is None and kept and not flags & (Scope.QUOTED | Scope.DENIED):
-                known = self._identify(hit)
-                known.first = self._said(known.name, hit)
-            if known is None and flags == Scope.DENIED and following.kind not in _LIMITS:
+            user, alone = self._known(hit), not self.words[hit.first - 1].isalpha()
+            is_real = hit.form == "the" or flags == Scope.PAST or alone
+            if user is None and is_real and not flags & (Scope.QUOTED | Scope.DENIED):
+                user = self._identify(hit)
+                user.first = self._said(user.name, hit)
+            if user is None and flags == Scope.DENIED and following.kind not in _LIMITS:
                 self._deny(hit)
-            if known is None or flags & Scope.QUOTED:
+            if user is None or flags & Scope.QUOTED:
                 self.subject, self.near, self.void = SCENE, None, True
                 self.pending, self.states = [], []
                 return
-            actor = known
+            actor = user
         else:
             actor = self._is_a(index, hit) or self._identify(hit)
             actor.mentions.append(self._said(actor.name, hit))
@@ -588,8 +588,8 @@ class Binder(ClauseFacts):
         elif hit.kind == "risk":
             risky = self.words[hit.first] in ("risk", "danger", "hazard", "threat")
             asserted = self.words[hit.first - 1] in ("a", "is", "some", "the")
-            told = (risky and asserted) or self._is_rated(index)
-            value = "potential" if flags & Scope.POSSIBLE or told else ""
+            is_present = (risky and asserted) or self._is_rated(index)
+            value = "potential" if flags & Scope.POSSIBLE or is_present else ""
             if {"none", "nil", "no"} & set(self.words[hit.stop : hit.stop + 2]):
                 value = "no_conflict"
             if flags & Scope.IMAGINED:
@@ -602,15 +602,15 @@ class Binder(ClauseFacts):
             return
         if self.subject is SCENE and self.near is None and hit.kind == "affects":
             return
-        said = self._with_cue(value, index, ("no", "not", "may"))
+        statement = self._with_cue(value, index, ("no", "not", "may"))
         owner = self.subject if isinstance(self.subject, Actor) else self.near
         following = self._after(index)
         if following.kind == "user" and following.first - hit.stop < 5:
             owner = self._identify(following)
         if owner is None:
-            self.world.loose.append(said)
+            self.world.loose.append(statement)
         else:
-            owner.conflicts.append(said)
+            owner.conflicts.append(statement)
 
     def _salience(self, index: int, hit: Hit, flags: Scope) -> None:
         owner = self._owner()

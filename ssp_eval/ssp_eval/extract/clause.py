@@ -207,8 +207,8 @@ class ClauseFacts:
         stop = self.hits[index].stop
         if self.words[stop - 3 : stop - 1] not in (["on", "the"], ["on", "our"], ["to", "the"]):
             return False
-        made = (one for one in self.world.commitments if one.slot == "lat_action")
-        if any(one.said.sentence == self.step for one in made):
+        commitments = (one for one in self.world.commitments if one.slot == "lat_action")
+        if any(one.said.sentence == self.step for one in commitments):
             return False  # nudge left to pass the cyclist on the right
         for at in range(index - 1, max(index - 6, self.start - 1), -1):
             hit = self.hits[at]
@@ -232,7 +232,7 @@ class ClauseFacts:
         idle = not self.world.commitments and self.subject is None and self.near is None
         return opens and idle and hit.form == "ing" and not self.known.verbs[hit.value].ego
 
-    def _is_ego(self, index: int, hit: Hit, known: Actor | None) -> bool:
+    def _is_ego(self, index: int, hit: Hit, user: Actor | None) -> bool:
         """Tell whether "the car" is the VUT: no other is named, or the text tells it what to do."""
         if hit.form != "the" or self.words[hit.first : hit.stop] not in (["car"], ["vehicle"]):
             return False
@@ -249,11 +249,11 @@ class ClauseFacts:
             return True
         beyond = self._after(index, 2)
         if following.value == "is":
-            told = beyond.kind in ("place", "towards", "state", "conflict", "affects", "critical")
+            static = beyond.kind in ("place", "towards", "state", "conflict", "affects", "critical")
             moves = beyond.kind == "verb" and beyond.value not in ("go", "say")
-            if told or (moves and not self.known.verbs[beyond.value].ego):
+            if static or (moves and not self.known.verbs[beyond.value].ego):
                 return False
-        return known is None or known.parked
+        return user is None or user.parked
 
     def _opens_clause(self, index: int) -> bool:
         """Tell whether a road user opens a clause of its own behind one of the VUT.
@@ -391,16 +391,16 @@ class ClauseFacts:
 
     def _goals(self, index: int) -> list[Hit]:
         """Return the places and directions that belong to a verb."""
-        found = []
+        goals = []
         for hit in self._back(index, 5):
             if hit.kind == "from":
-                found.append(hit)
+                goals.append(hit)
             elif hit.kind in ("verb", "ego") or (hit.kind == "cue" and hit.value != "is"):
                 break
         for after in range(index + 1, min(index + 9, self.stop)):
             hit = self.hits[after]
             if hit.kind in _GOALS:
-                found.append(hit)
+                goals.append(hit)
             elif hit.kind == "verb" and hit.form == "ing" and self.hits[after - 1].kind == "cue":
                 continue
             elif hit.kind in ("verb", "user", "noun", "field") or hit.value in (
@@ -412,7 +412,7 @@ class ClauseFacts:
                 ".",
             ):
                 break
-        return found
+        return goals
 
     def _with_cue(self, value: str, index: int, cues: tuple[str, ...]) -> Statement:
         """Return a statement that begins with its cue: could swerve, no risk."""
@@ -434,8 +434,8 @@ class ClauseFacts:
         """Name an actor that was only called a vehicle: the vehicle that matters is a truck."""
         before, actor = self._before(index), self.subject
         if before.value in (":", "") and before.kind in ("mark", "field") and self.near is not None:
-            named = self.near.noun in _GENERIC and self._back(index, 3)[-1].kind == "user"
-            if named and hit.first - before.stop < 4:  # lead vehicle: a truck
+            is_generic = self.near.noun in _GENERIC and self._back(index, 3)[-1].kind == "user"
+            if is_generic and hit.first - before.stop < 4:  # lead vehicle: a truck
                 self.near.name = hit.value
                 return self.near
         if hit.form not in ("a", "the") or before.value != "is" or hit.first - before.stop > 3:
@@ -449,8 +449,8 @@ class ClauseFacts:
         before = self.words[max(hit.first - 4, 0) : hit.first]
         colour = next((word for word in before if word in self.known.sets["colours"]), "")
         label = self.words[hit.stop] if hit.stop < len(self.words) else ""
-        named = [label] if label in self.known.sets["labels"] else []
-        return " ".join([*self.words[hit.first : hit.stop], *named]), colour
+        labels = [label] if label in self.known.sets["labels"] else []
+        return " ".join([*self.words[hit.first : hit.stop], *labels]), colour
 
     def _known(self, hit: Hit) -> Actor | None:
         noun, colour = self._noun_of(hit)
@@ -481,17 +481,17 @@ class ClauseFacts:
 
     def _identify(self, hit: Hit) -> Actor:
         noun, colour = self._noun_of(hit)
-        known = self._known(hit)
+        user = self._known(hit)
         fresh = (
             hit.form == "a"
-            and known is not None
-            and (known in self.named or (known.noun != noun and known.name not in PEOPLE))
+            and user is not None
+            and (user in self.named or (user.noun != noun and user.name not in PEOPLE))
         )
-        if known is not None and known.parked != any(one.value == "parked" for one in self.states):
-            fresh = fresh or not known.parked or hit.form == "a"
-        if known is not None and not fresh:
-            known.colour = known.colour or colour
-            return known
+        if user is not None and user.parked != any(one.value == "parked" for one in self.states):
+            fresh = fresh or not user.parked or hit.form == "a"
+        if user is not None and not fresh:
+            user.colour = user.colour or colour
+            return user
         last = self.words[hit.stop - 1]
         plural = last.endswith("s") or last in self.known.plurals
         actor = Actor(hit.value, len(self.world.actors), noun, colour, plural)
@@ -540,13 +540,13 @@ class ClauseFacts:
 
     def _has_ended(self, index: int) -> bool:
         """Tell whether the named conflict is over: the conflict with the van has now cleared."""
-        told = self._told_of(index)
-        return "not" not in told and not self.known.sets["ended"].isdisjoint(told)
+        words = self._told_of(index)
+        return "not" not in words and not self.known.sets["ended"].isdisjoint(words)
 
     def _is_rated(self, index: int) -> bool:
         """Tell whether the named risk is said to be there: the risk with the truck is low."""
-        told = self._told_of(index)
-        return "not" not in told and not self.known.sets["rated"].isdisjoint(told)
+        words = self._told_of(index)
+        return "not" not in words and not self.known.sets["rated"].isdisjoint(words)
 
     def _unless(self) -> bool:
         """Tell whether something happens unless something is done: without braking."""

@@ -101,18 +101,18 @@ def extract(
         raise click.UsageError("--json is for --measure and --returned; slots are JSON anyway")
     extractor = extractor_of(**llm)
     if returned and key_file:
-        asked = load_key(key_file)
-        review = compare(asked.items, *(load_answers(path, asked) for path in returned))
+        review_key = load_key(key_file)
+        review = compare(review_key.items, *(load_answers(path, review_key) for path in returned))
         if as_json:
             click.echo(json.dumps(review.to_json(), indent=1))
         else:
             show_review(review)
     elif corpus is not None:
-        found = measure(load_corpus(corpus), lambda text: extractor(text).slots)
+        measurement = measure(load_corpus(corpus), lambda text: extractor(text).slots)
         if as_json:
-            click.echo(json.dumps(found.to_json(), indent=1))
+            click.echo(json.dumps(measurement.to_json(), indent=1))
         else:
-            show_measure(found, misses)
+            show_measure(measurement, misses)
     elif file is not None and out is not None:
         _prepare(file, out, extractor, count, seed)
     elif file is not None:
@@ -126,8 +126,8 @@ def extract(
                 line |= {"answer": answer.text, "notes": answer.notes}
             click.echo(json.dumps(line))
         if foreign:
-            told = ", ".join(f"{name} {number}" for name, number in sorted(foreign.items()))
-            console.note(f"note: texts {NOT_READ}: {told}")
+            languages = ", ".join(f"{name} {number}" for name, number in sorted(foreign.items()))
+            console.note(f"note: texts {NOT_READ}: {languages}")
     if extractor.uses_reader and not returned:
         shares = extractor.shares()
         console.note(
@@ -151,28 +151,34 @@ def _check_mode(
     if bool(returned) != (key_file is not None):
         raise click.UsageError("--returned A B and --key KEY belong together")
     if (returned or corpus is not None) == (file is not None):
-        named = "--returned" if returned else "--measure"
+        option = "--returned" if returned else "--measure"
         raise click.UsageError(
-            f"{named} takes no FILE.jsonl besides" if file else "name a FILE.jsonl, or - for stdin"
+            f"{option} takes no FILE.jsonl besides" if file else "name a FILE.jsonl, or - for stdin"
         )
 
 
 def _answer(text: str) -> AnswerText:
     """Return the answer within an output; the whole text, as it is, where it is all answer."""
-    found = split_answer(text)
-    return found if len(found.text) != len(text) else AnswerText(text)
+    answer = split_answer(text)
+    return answer if len(answer.text) != len(text) else AnswerText(text)
 
 
-def _line(key: str | int, text: str, found: TextExtraction, extractor: Extractor) -> dict[str, Any]:
-    record = record_to_json(BehaviourRecord(0.0, text, found.slots))
+def _line(
+    key: str | int, text: str, extraction: TextExtraction, extractor: Extractor
+) -> dict[str, Any]:
+    record = record_to_json(BehaviourRecord(0.0, text, extraction.slots))
     line = {"id": key, "slots": json.loads(record)["slots"]}
-    if found.language:
-        line["language"] = found.language
+    if extraction.language:
+        line["language"] = extraction.language
     if extractor.uses_reader:
-        line["reader"] = {"slots": found.by_reader, "withdrawn": found.withdrawn}
+        line["reader"] = {"slots": extraction.by_reader, "withdrawn": extraction.withdrawn}
     if extractor.uses_llm:
-        trouble = found.trouble or None
-        line["llm"] = {"slots": found.by_llm, "trouble": trouble, "dropped": found.dropped}
+        trouble = extraction.trouble or None
+        line["llm"] = {
+            "slots": extraction.by_llm,
+            "trouble": trouble,
+            "dropped": extraction.dropped,
+        }
     return line
 
 
@@ -184,19 +190,19 @@ def _prepare(file: str, out: Path, extractor: Extractor, count: int, seed: int) 
         for key, text in console.tracked(_read(file), "texts", _count(file))
         for answer in (_answer(text).text,)
     ]
-    chosen = choose([one for one in candidates if one.text.strip()], count, seed)
-    if not chosen:
+    sample = choose([one for one in candidates if one.text.strip()], count, seed)
+    if not sample:
         raise InputError(
             "holds no text to review",
             file=file,
             remedy="give a file with texts, one JSON object a line",
         )
-    subset = make_subset(chosen, sha256_file(file), extractor.sha256, seed)
+    subset = make_subset(sample, sha256_file(file), extractor.sha256, seed)
     write_review(subset, out)
-    if len(chosen) < count:
-        console.note(f"note: {file} has {len(chosen)} different texts, fewer than {count}")
+    if len(sample) < count:
+        console.note(f"note: {file} has {len(sample)} different texts, fewer than {count}")
     console.note(
-        f"{len(chosen)} texts of {len(candidates)}; give {out}/reviewer_1 and {out}/reviewer_2 to "
+        f"{len(sample)} texts of {len(candidates)}; give {out}/reviewer_1 and {out}/reviewer_2 to "
         f"two people, and keep {out}/key.json from them"
     )
 
@@ -230,18 +236,18 @@ def _read(file: str) -> Iterator[tuple[str | int, str]]:
                 if not line.removeprefix("\ufeff").strip():
                     continue
                 content = line.removeprefix("\ufeff") if number == 1 else line
-                found = parse_line(_Input, content, file, number)
-                if (first := lines.setdefault(found.id, number)) != number:
+                entry = parse_line(_Input, content, file, number)
+                if (first := lines.setdefault(entry.id, number)) != number:
                     problem = f"stands in line {first} already"
                     raise InputError(
                         problem,
                         file=file,
                         line=number,
                         field="id",
-                        value=found.id,
+                        value=entry.id,
                         remedy="give each text its own id",
                     )
-                yield found.id, found.text
+                yield entry.id, entry.text
     except UnicodeDecodeError as error:
         raise InputError(
             "is not UTF-8", file=file, line=number + 1, remedy="save it as UTF-8"

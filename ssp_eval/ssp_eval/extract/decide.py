@@ -22,32 +22,34 @@ _NEVER_ALONG = frozenset({"pedestrian"})
 
 def decide(world: World) -> dict[str, Found]:
     """Each slot that the text fills, with the words that say so."""
-    found: dict[str, Found | None] = {}
+    slots: dict[str, Found | None] = {}
     objects = _objects(world)
     critical = _critical(objects)
-    named = objects if _sure(objects, world) else _described(objects, world)
-    bare = not any(_has(actor) or actor.reaction or actor.critical for actor in named)
-    if world.nobody and named and bare:
-        found["objects"] = ((), (world.nobody[0],))  # it names them, and says that nobody is there
-    elif named:
-        names = tuple(sorted({actor.name for actor in named}))
-        said = tuple(next(a for a in named if a.name == name).mentions[0] for name in names)
-        found["objects"] = (names, said)
+    road_users = objects if _sure(objects, world) else _described(objects, world)
+    bare = not any(_has(actor) or actor.reaction or actor.critical for actor in road_users)
+    if world.nobody and road_users and bare:
+        slots["objects"] = ((), (world.nobody[0],))  # it names them, and says that nobody is there
+    elif road_users:
+        names = tuple(sorted({actor.name for actor in road_users}))
+        mentions = tuple(
+            next(a for a in road_users if a.name == name).mentions[0] for name in names
+        )
+        slots["objects"] = (names, mentions)
     elif (
         not objects
         and world.nobody
         and not [a for a in world.actors if a.mentions and not a.background]
     ):
-        found["objects"] = ((), (world.nobody[0],))
+        slots["objects"] = ((), (world.nobody[0],))
     if critical is not None:
-        found["position"] = _unmixed(_position(critical, world.frames), critical, world)
-        if _is_outdone(found["position"], critical, objects):
-            found["position"] = None
-        found["motion"] = _unmixed(_motion(critical), critical, world)
-    found["conflict"] = _conflict(critical, world)
+        slots["position"] = _unmixed(_position(critical, world.frames), critical, world)
+        if _is_outdone(slots["position"], critical, objects):
+            slots["position"] = None
+        slots["motion"] = _unmixed(_motion(critical), critical, world)
+    slots["conflict"] = _conflict(critical, world)
     for slot in ("lon_action", "lat_action"):
-        found[slot] = _action(world, slot)
-    return {slot: value for slot, value in found.items() if value is not None}
+        slots[slot] = _action(world, slot)
+    return {slot: value for slot, value in slots.items() if value is not None}
 
 
 def critical_of(world: World) -> Actor | None:
@@ -55,15 +57,17 @@ def critical_of(world: World) -> Actor | None:
     return _critical(_objects(world))
 
 
-def _unmixed(found: Found | None, critical: Actor, world: World) -> Found | None:
+def _unmixed(finding: Found | None, critical: Actor, world: World) -> Found | None:
     """Drop what may be said of another, where the text is about many."""
     others = [a for a in world.actors if a is not critical and (a.mentions or a.first)]
-    if found is None or not others or world.sentences <= MAX_SENTENCES:
-        return found
-    sentence = found[1][-1].sentence
-    named = sentence > 0 and any(said.sentence == sentence for a in others for said in a.mentions)
+    if finding is None or not others or world.sentences <= MAX_SENTENCES:
+        return finding
+    sentence = finding[1][-1].sentence
+    has_mention = sentence > 0 and any(
+        one.sentence == sentence for a in others for one in a.mentions
+    )
     present = [a for a in others if a.mentions and not a.background]
-    return None if (named and present) or len(present) >= MAX_OTHERS else found
+    return None if (has_mention and present) or len(present) >= MAX_OTHERS else finding
 
 
 def _is_outdone(position: Found | None, critical: Actor, objects: list[Actor]) -> bool:
@@ -93,7 +97,7 @@ def _strong(actor: Actor) -> bool:
     return bool(
         actor.critical
         or actor.reaction == 2
-        or any(said.value in _PARTNER for said in actor.conflicts)
+        or any(conflict.value in _PARTNER for conflict in actor.conflicts)
         or (actor.matters and (actor.parked or actor.reaction))
         or (actor.intruding and actor.reaction)
     )
@@ -109,7 +113,7 @@ def _sure(objects: list[Actor], world: World) -> bool:
 
 
 def _marked(actor: Actor) -> bool:
-    partner = any(said.value in _PARTNER for said in actor.conflicts)
+    partner = any(conflict.value in _PARTNER for conflict in actor.conflicts)
     if actor.parked:
         return actor.critical or actor.matters or actor.reaction == 2 or partner
     return bool(actor.critical or actor.matters or actor.reaction or actor.intruding or partner)
@@ -181,49 +185,51 @@ def _position(actor: Actor, frames: bool) -> Found | None:
 def _motion(actor: Actor) -> Found | None:
     """Return the last motion that is complete: some need company or a side."""
     values: dict[str, Statement] = {}
-    over = not actor.ongoing and any(said.value == "resolved" for said in actor.conflicts)
-    for said in actor.motions:
-        value = _complete(said.value, actor)
+    over = not actor.ongoing and any(one.value == "resolved" for one in actor.conflicts)
+    for statement in actor.motions:
+        value = _complete(statement.value, actor)
         if over and value is not None and value.startswith(("crossing", "cutting")):
             continue  # a finished crossing is no motion
-        if said.value == "oncoming" and _has_passed(actor, said):
+        if statement.value == "oncoming" and _has_passed(actor, statement):
             continue
-        if value is None or (said.value == ALONG and set(values) - {"same_direction"}):
+        if value is None or (statement.value == ALONG and set(values) - {"same_direction"}):
             continue
-        if said.value == BLOCKING and values:
+        if statement.value == BLOCKING and values:
             continue
         values.pop(value, None)
-        values[value] = said
+        values[value] = statement
     if not values and actor.origin is not None and not actor.motions and not over:
         return f"{CROSSING}_from_{actor.origin.value}", (actor.origin,)
     if not values:
         return None
-    value, said = list(values.items())[-1]
-    earlier = {old for old, one in values.items() if one.sentence != said.sentence}
+    value, statement = list(values.items())[-1]
+    earlier = {old for old, one in values.items() if one.sentence != statement.sentence}
     if value in ("same_direction", "stationary", "oncoming") and earlier - {value}:
         return None
     for specific, other in values.items():
-        if value == "same_direction" and specific != value and other.sentence == said.sentence:
+        if value == "same_direction" and specific != value and other.sentence == statement.sentence:
             return specific, (other,)
-    return value, (said,)
+    return value, (statement,)
 
 
-def _has_passed(actor: Actor, said: Statement) -> bool:
+def _has_passed(actor: Actor, statement: Statement) -> bool:
     """Tell whether what was said of a road user is over at the sentence's end: has passed."""
     return any(
-        one.value == "resolved" and one.sentence == said.sentence and one.first > said.first
+        one.value == "resolved"
+        and one.sentence == statement.sentence
+        and one.first > statement.first
         for one in actor.conflicts
     )
 
 
 def _complete(value: str, actor: Actor) -> str | None:
-    place = "_".join(said.value for said in (*actor.places, *actor.hints))
+    place = "_".join(one.value for one in (*actor.places, *actor.hints))
     if value == ALONG:
         last = actor.places[-1].value if actor.places else ""
         along = last and not last.startswith("rear") and actor.name not in _NEVER_ALONG
         return "same_direction" if along else None
     if value.startswith(COMING):
-        enters = any(said.value.startswith(CUTTING_IN) for said in actor.motions)
+        enters = any(motion.value.startswith(CUTTING_IN) for motion in actor.motions)
         return value.replace(COMING, CUTTING_IN if enters else CROSSING)
     if value == BLOCKING:
         return (
@@ -238,24 +244,24 @@ def _complete(value: str, actor: Actor) -> str | None:
 
 
 def _conflict(actor: Actor | None, world: World) -> Found | None:
-    said = list(actor.conflicts) if actor is not None else []
-    said = sorted([*said, *world.loose], key=lambda one: one.first)
-    if not said:
+    statements = list(actor.conflicts) if actor is not None else []
+    statements = sorted([*statements, *world.loose], key=lambda one: one.first)
+    if not statements:
         return None
-    last = said[-1]
+    last = statements[-1]
     if actor is not None and _is_of_earlier(last, actor, world):
         return None
     if last.value == "potential":  # a possible turn of what is active already
-        last = next((one for one in said if one.value == "active"), last)
+        last = next((one for one in statements if one.value == "active"), last)
     return last.value, (last,)
 
 
-def _is_of_earlier(said: Statement, critical: Actor, world: World) -> bool:
+def _is_of_earlier(statement: Statement, critical: Actor, world: World) -> bool:
     """Tell whether the end of a conflict is of one who was named before the critical one."""
     return (
-        said.value in ("resolved", "no_conflict")
-        and said in world.loose
-        and all(one.sentence > said.sentence for one in critical.mentions)
+        statement.value in ("resolved", "no_conflict")
+        and statement in world.loose
+        and all(one.sentence > statement.sentence for one in critical.mentions)
         and any(a.order < critical.order and a.mentions for a in world.actors)
     )
 

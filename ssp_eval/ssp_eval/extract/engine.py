@@ -84,8 +84,8 @@ def read(text: str) -> Reading:
 
 def _values(piece: str) -> dict[str, object]:
     """Return the rules' values in a piece of a text, by slot."""
-    found = _read(piece).slots
-    return {name: slot.value for name in SLOT_NAMES if (slot := getattr(found, name)) is not None}
+    slots = _read(piece).slots
+    return {name: slot.value for name in SLOT_NAMES if (slot := getattr(slots, name)) is not None}
 
 
 def _read(text: str) -> Reading:
@@ -97,7 +97,7 @@ def _read(text: str) -> Reading:
     share_between_joined(world, hits)
     slots: dict[str, Slot] = {}
     for name, (value, support) in decide(world).items():
-        spans = sorted({tokens.span(said.first, said.stop) for said in support})
+        spans = sorted({tokens.span(statement.first, statement.stop) for statement in support})
         slot = check(text, name, Slot(value, tuple(spans)))
         if slot is not None:
             slots[name] = slot

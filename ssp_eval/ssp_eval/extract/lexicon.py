@@ -204,13 +204,13 @@ class Lexicon:
                 node.entry, node.order = entry, self._order
 
     def _options(self, part: str, form: int) -> list[str]:
-        found: list[str] = []
+        options: list[str] = []
         for one in part.strip("()").split("|"):
             if one.startswith("$"):
-                found += self._classes[one[1:]]
+                options += self._classes[one[1:]]
             else:
-                found.append(self._inflected(one[1:])[form] if one.startswith("~") else one)
-        return found
+                options.append(self._inflected(one[1:])[form] if one.startswith("~") else one)
+        return options
 
     def _inflected(self, verb: str) -> tuple[str, str, str, str]:
         if verb in self._irregular:
@@ -228,8 +228,8 @@ class Lexicon:
             [*([""] if part.startswith("(") else []), *self._options(part, 0)]
             for part in item.split()
         ]
-        for chosen in product(*parts):
-            yield " ".join(word for word in chosen if word)
+        for words in product(*parts):
+            yield " ".join(word for word in words if word)
 
     def longest(self, words: list[str], at: int) -> tuple[Entry | None, int]:
         """Return the longest phrase that begins at a word, and the word after it.

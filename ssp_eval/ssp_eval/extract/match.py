@@ -377,8 +377,8 @@ class _Reader:
         if _is_number(words[at : at + 1]) and float(words[at]) == 0.0 and slot != "conflict":
             speed = not _SPEED_LABELS.isdisjoint(words[self.hits[-1].first : at])
             if slot == "lat_action" or (speed and words[at + 1] in MARKS):
-                said = "straight" if slot == "lat_action" else "stop"
-                return self._put("action", said, "value", at, at + 1)
+                action = "straight" if slot == "lat_action" else "stop"
+                return self._put("action", action, "value", at, at + 1)
         while at < self.count and words[at] in ('"', "[", "("):
             at = self._put("mark", words[at], "", at, at + 1)
         stop = at
@@ -429,15 +429,15 @@ def _is_number(words: list[str]) -> bool:
 
 def sentences(hits: list[Hit]) -> list[tuple[int, int]]:
     """Ranges of hits, each a sentence or a line."""
-    found, start = [], 0
+    ranges, start = [], 0
     for index, hit in enumerate(hits):
         if hit.kind == "mark" and hit.value in _SENTENCE:
             if index > start:
-                found.append((start, index + 1))
+                ranges.append((start, index + 1))
             start = index + 1
     if start < len(hits):
-        found.append((start, len(hits)))
-    return found
+        ranges.append((start, len(hits)))
+    return ranges
 
 
 def slot_of(action: str) -> str:

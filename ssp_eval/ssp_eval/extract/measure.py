@@ -40,15 +40,15 @@ class _Line(Strict):
 
     @model_validator(mode="after")
     def _is_supported(self) -> Self:
-        said: Any
-        for name, said in self.slots.items():
-            if said is None:
+        slot: Any
+        for name, slot in self.slots.items():
+            if slot is None:
                 continue
-            if said["value"] is None or not said["evidence"]:
+            if slot["value"] is None or not slot["evidence"]:
                 raise ValueError(f"slots.{name}.evidence: must support a value by a span or more")
-            if name == "objects" and len(set(said["value"])) < len(said["value"]):
+            if name == "objects" and len(set(slot["value"])) < len(slot["value"]):
                 raise ValueError("slots.objects.value: names a class twice")
-            for number, (start, end) in enumerate(said["evidence"]):
+            for number, (start, end) in enumerate(slot["evidence"]):
                 inside = 0 <= start < end <= len(self.text)
                 if not inside or not self.text[start:end].strip():
                     raise ValueError(
@@ -169,10 +169,10 @@ class Row(NamedTuple):
         """Return where the evidence of a right answer lies beside the label's."""
         if self.wanted is None or self.given is None or len(set(self.shown)) > 1:
             return None
-        labelled, found = self.wanted.evidence, self.given.evidence
-        if all(any(a <= s and e <= b for a, b in labelled) for s, e in found):
+        labelled, evidence = self.wanted.evidence, self.given.evidence
+        if all(any(a <= s and e <= b for a, b in labelled) for s, e in evidence):
             return "inside"
-        overlaps = any(a < e and s < b for a, b in labelled for s, e in found)
+        overlaps = any(a < e and s < b for a, b in labelled for s, e in evidence)
         return "overlapping" if overlaps else "elsewhere"
 
 
@@ -200,7 +200,7 @@ class Measure:
             if row.slot == "objects"
         ]
         return {
-            name: _score([(name in given, name in wanted, True) for given, wanted in sets])
+            name: _score([(name in answer, name in label, True) for answer, label in sets])
             for name in OBJECTS
         }
 
@@ -243,8 +243,8 @@ class Measure:
             "styles": {style: _json(scores) for style, scores in self.styles.items()},
             "confusion": {
                 name: [
-                    {"wanted": wanted, "given": given, "count": count}
-                    for (wanted, given), count in sorted(counts.items())
+                    {"wanted": label, "given": answer, "count": count}
+                    for (label, answer), count in sorted(counts.items())
                 ]
                 for name, counts in self.confusion.items()
             },
@@ -259,9 +259,9 @@ class Measure:
 def measure(examples: Iterable[Example], extract: Callable[[str], Slots]) -> Measure:
     """Extract from each text, which is all that the extractor sees, and compare."""
     rows = [
-        Row(example.key, example.style, name, getattr(example.slots, name), given)
+        Row(example.key, example.style, name, getattr(example.slots, name), slot)
         for example in examples
-        for name, given in vars(extract(example.text)).items()
+        for name, slot in vars(extract(example.text)).items()
     ]
     return Measure(tuple(rows))
 
@@ -276,20 +276,20 @@ def shown(slot: Slot | None) -> str:
 
 
 def _scores(rows: Iterable[Row]) -> dict[str, Score]:
-    found: dict[str, list[tuple[bool, bool, bool]]] = {name: [] for name in (*SLOT_NAMES, "all")}
+    answers: dict[str, list[tuple[bool, bool, bool]]] = {name: [] for name in (*SLOT_NAMES, "all")}
     for row in rows:
         one = (row.given is not None, row.wanted is not None, row.shown[0] == row.shown[1])
-        found[row.slot].append(one)
-        found["all"].append(one)
-    return {name: _score(ones) for name, ones in found.items()}
+        answers[row.slot].append(one)
+        answers["all"].append(one)
+    return {name: _score(ones) for name, ones in answers.items()}
 
 
 def _score(answers: list[tuple[bool, bool, bool]]) -> Score:
     """Score answers by whether each was given, was wanted, and is the same."""
     return Score(
-        sum(given for given, _, _ in answers),
-        sum(wanted for _, wanted, _ in answers),
-        sum(given and wanted and same for given, wanted, same in answers),
+        sum(has_answer for has_answer, _, _ in answers),
+        sum(has_label for _, has_label, _ in answers),
+        sum(has_answer and has_label and same for has_answer, has_label, same in answers),
     )
 
 

@@ -106,7 +106,7 @@ def passed_side(hit: Hit, words: list[str]) -> str:
 def is_behind(actor: Actor, goals: list[Hit]) -> bool:
     """Tell whether one who comes nearer comes from behind us."""
     places = [goal.value for goal in goals if goal.kind == "place"]
-    last = (places or [said.value for said in actor.places] or [""])[-1]
+    last = (places or [place.value for place in actor.places] or [""])[-1]
     return last.startswith("rear")
 
 

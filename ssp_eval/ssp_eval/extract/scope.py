@@ -175,10 +175,10 @@ class _Sentence:
         while first > 0 and stop - first <= _HEADING and self.words[first - 1] not in _BREAKS:
             first -= 1
         heading = self.words[first:stop]
-        known = lexicon().sets["words_of_the_past"]
-        named = len(heading) <= 2 and not known.isdisjoint(heading[:1])
-        seen = bool(self.local & Scope.PAST) and _FRAMES.isdisjoint(heading)
-        return len(heading) <= _HEADING and (named or seen)
+        past_words = lexicon().sets["words_of_the_past"]
+        has_past_word = len(heading) <= 2 and not past_words.isdisjoint(heading[:1])
+        is_past = bool(self.local & Scope.PAST) and _FRAMES.isdisjoint(heading)
+        return len(heading) <= _HEADING and (has_past_word or is_past)
 
     def _counted(self, hit: Hit) -> bool:
         """Tell whether a road user has a number or an article, so that it opens a new statement."""

@@ -194,8 +194,8 @@ def tokenise(text: str) -> Tokens:
     """Return the words of a text with their offsets."""
     lower = _without_struck(plain(text))
     ends = [0, *(hump.start() for hump in HUMP.finditer(text)), len(lower)]
-    found = [match for pair in pairwise(ends) for match in _TOKEN.finditer(lower, *pair)]
-    words = [match.group() for match in found]
+    matches = [match for pair in pairwise(ends) for match in _TOKEN.finditer(lower, *pair)]
+    words = [match.group() for match in matches]
     for index, word in enumerate(words):
         first = word[0]
         if "a" <= first <= "z":
@@ -208,7 +208,7 @@ def tokenise(text: str) -> Tokens:
             if (
                 first == "\n"
                 and word.count("\n") < 2
-                and not _starts_item(text, found[index].end())
+                and not _starts_item(text, matches[index].end())
             ):
                 words[index] = _DROPPED
                 continue
@@ -217,19 +217,19 @@ def tokenise(text: str) -> Tokens:
                 words[index] = BREAK
     _sides(words)
     if _DROPPED in words:
-        found = [match for match, word in zip(found, words, strict=True) if word]
+        matches = [match for match, word in zip(matches, words, strict=True) if word]
         words = [word for word in words if word]
     if "accel" in words:
-        _sign_accelerations(words, found, lower)
-    return Tokens(words, found)
+        _sign_accelerations(words, matches, lower)
+    return Tokens(words, matches)
 
 
-def _sign_accelerations(words: list[str], found: list[re.Match[str]], text: str) -> None:
+def _sign_accelerations(words: list[str], matches: list[re.Match[str]], text: str) -> None:
     """Name accelerations by their sign: accel: -6 is a deceleration, accel: 0 a steady speed."""
     for index, word in enumerate(words[:-2]):
         value = words[index + 2]
         if word == "accel" and words[index + 1] in (":", "=") and value[0].isdigit():
-            negative = text[found[index + 2].start() - 1] in _MINUS
+            negative = text[matches[index + 2].start() - 1] in _MINUS
             zero = not value.strip("0.")
             words[index] = "cruise" if zero else "decel" if negative else word
 

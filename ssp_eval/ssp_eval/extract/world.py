@@ -92,7 +92,7 @@ def share_between_joined(world: World, hits: Sequence[Hit]) -> None:
     They matter alike, and the first has the places, motions and conflicts that follow behind the
     last one in the same sentence, where it has none of its own.
     """
-    by_mention = {said.first: actor for actor in world.actors for said in actor.mentions}
+    by_mention = {one.first: actor for actor in world.actors for one in actor.mentions}
     for user, joint, other in zip(hits, hits[1:], hits[2:], strict=False):
         if (user.kind, joint.kind, joint.value, other.kind) != ("user", "cue", "and", "user"):
             continue
@@ -101,15 +101,15 @@ def share_between_joined(world: World, hits: Sequence[Hit]) -> None:
         close = joint.first == user.stop and max(between, long) <= _MOST_BETWEEN
         if first is None or second is None or first.name == second.name or not close:
             continue
-        sentence = next(said for said in second.mentions if said.first == other.first).sentence
+        sentence = next(one for one in second.mentions if one.first == other.first).sentence
         for name in ("places", "motions", "conflicts"):
-            said = [
+            statements = [
                 one
                 for one in getattr(second, name)
                 if one.sentence == sentence and one.first >= other.stop
             ]
             if not getattr(first, name):
-                getattr(first, name).extend(said)
+                getattr(first, name).extend(statements)
         for name in ("critical", "matters", "intruding", "reaction"):
             most = max(getattr(first, name), getattr(second, name))
             setattr(first, name, most)
@@ -148,8 +148,8 @@ class Plan:
                 later = later or slot in self.sequence
                 self.sequence.add(slot)
             final = self.final or strong
-            said = Statement(value, hit.first, hit.stop, unit)
-            self.world.commitments.append(Commitment(slot, said, later, final))
+            statement = Statement(value, hit.first, hit.stop, unit)
+            self.world.commitments.append(Commitment(slot, statement, later, final))
         return True
 
     def made(self) -> bool:
@@ -176,5 +176,5 @@ class Plan:
         """Brakes in its lane: the lane is kept."""
         last = self._last(unit)
         if last is not None and last.said.value in _SPEEDS:
-            said = Statement("straight", hit.first, hit.stop, unit)
-            self.world.commitments.append(last._replace(slot="lat_action", said=said))
+            statement = Statement("straight", hit.first, hit.stop, unit)
+            self.world.commitments.append(last._replace(slot="lat_action", said=statement))

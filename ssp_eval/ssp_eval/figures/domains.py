@@ -18,11 +18,11 @@ from ssp_eval.figures.style import (
     Sheet,
     caption,
     fitted,
+    format_mean,
     legend_height_in,
     mark,
     mark_legend,
     share_axis,
-    shown_mean,
 )
 from ssp_eval.score.aggregate import Cell, mean
 from ssp_eval.score.metrics import COMPONENTS, METRIC_LABELS, ivcs_terms, ivcs_weights
@@ -174,7 +174,7 @@ def _stacks(
                 gid=f"part-{scenario}-{domain}-{key}",
             )
             left += width
-        axes.text(left + 0.015, y + bar_in / 2, shown_mean(left), va="center_baseline")
+        axes.text(left + 0.015, y + bar_in / 2, format_mean(left), va="center_baseline")
         ticks.append(y + bar_in / 2)
         labels.append(domain)
         y += bar_in

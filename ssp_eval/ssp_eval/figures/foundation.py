@@ -35,6 +35,7 @@ from ssp_eval.figures.style import (
     LeftOut,
     Look,
     caption,
+    format_mean,
     mark,
     named_rows,
     names_in,
@@ -42,7 +43,6 @@ from ssp_eval.figures.style import (
     renamed,
     row_width_in,
     share_axis,
-    shown_mean,
     widest_in,
 )
 from ssp_eval.score.aggregate import Mean, mean, ranks
@@ -274,7 +274,7 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 gid=f"bar-{model}",
             )
             draw_constant(axes, row, constant.get((model,)), model)
-            axes.text(value + 0.02, row, shown_mean(value), va="center_baseline")
+            axes.text(value + 0.02, row, format_mean(value), va="center_baseline")
             sheet.figure.text(
                 1.0 - 0.05 / width_in,
                 1.0 - (head_in + ROW_IN * (row + 0.5)) / sheet.height_in,

@@ -65,12 +65,12 @@ def matrix(scores: Scores, whole: bool = False) -> Iterator[Drawing | LeftOut]:
         scores: of the rows.
         whole: draw it also where it has more than MOST_PAGES pages.
     """
-    if not scores.shown:
+    if not scores.matrix_rows:
         yield LeftOut(NAME, "there are no cells")
         return
-    names = names_in(sorted({row.model for row in scores.shown}), _MODEL_IN - 0.2)
+    names = names_in(sorted({row.model for row in scores.matrix_rows}), _MODEL_IN - 0.2)
     for name, is_control in ((NAME, False), (f"{NAME}_controls", True)):
-        cells = [cell for cell in scores.shown if cell.control is is_control]
+        cells = [cell for cell in scores.matrix_rows if cell.control is is_control]
         pages = _paged(cells) if cells else []
         if len(pages) > MOST_PAGES and not whole:
             yield LeftOut(
@@ -277,7 +277,7 @@ def _caption(cells: Sequence[CellRow], names: dict[str, str], scores: Scores) ->
     runs = any(cell.run.startswith("mean of") for cell in cells)
     lost = scores.lost_runs([cell.key for cell in cells])
     control = cells[0].control
-    alike = [cell for cell in scores.shown if cell.control is control]
+    alike = [cell for cell in scores.matrix_rows if cell.control is control]
     return caption(
         f"Result matrix: scenario × domain × model against the scores of METHOD 6; {len(cells)} of "
         f"{scores.n_text(alike)}.{labels}",

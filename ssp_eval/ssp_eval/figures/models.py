@@ -26,6 +26,7 @@ from ssp_eval.figures.style import (
     Look,
     Sheet,
     caption,
+    format_mean,
     mark,
     name_rows,
     named_rows,
@@ -34,7 +35,6 @@ from ssp_eval.figures.style import (
     renamed,
     row_width_in,
     share_axis,
-    shown_mean,
     text_width_in,
     widest_in,
 )
@@ -321,7 +321,7 @@ def _panels(scores: Scores, members: Mapping[str, str], middle: Sequence[float |
         )
         axes.tick_params(axis="y", length=0)
         axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"] if last else ["", "", ""])
-        ivcs = shown_mean(scores.by_model[model]["ivcs"].value)
+        ivcs = format_mean(scores.by_model[model]["ivcs"].value)
         axes.set_title(f"{label} {ivcs}", loc="left", pad=3, size=7.0)
     page = sheet.page()
     page.text(

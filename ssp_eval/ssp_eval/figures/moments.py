@@ -102,7 +102,7 @@ class CellMoments:
             and self.cell.facts.clip.mount_forward_m is not None
         )
 
-    def drawn(self, path: Trajectory | None) -> Ribbon | None:
+    def ribbon_of(self, path: Trajectory | None) -> Ribbon | None:
         """Return a path in the ego frame as the camera shows it."""
         clip = self.cell.facts.clip
         if path is None or clip.geometry is None:

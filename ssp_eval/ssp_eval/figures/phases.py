@@ -132,7 +132,7 @@ def _panel(axes: Axes, story: CellMoments, moment: Moment, width_in: float, gid:
     axes.set_xlim(-0.5, width_px - 0.5)
     axes.set_ylim(height_px - 0.5, -0.5)
     if moment.stamp_ns is not None:
-        driven = story.drawn(story.recorded(moment.stamp_ns))
+        driven = story.ribbon_of(story.recorded(moment.stamp_ns))
         if driven is not None and len(driven.middle) > 1:
             for colour, width in ((INK, 2.4), (ORANGE, 1.4)):
                 axes.plot(
@@ -143,7 +143,7 @@ def _panel(axes: Axes, story: CellMoments, moment: Moment, width_in: float, gid:
                     zorder=4,
                     gid=f"recorded-{gid}" if colour == ORANGE else None,
                 )
-    plan = story.drawn(moment.plan)
+    plan = story.ribbon_of(moment.plan)
     if plan is not None:
         surface = Polygon(
             plan.outline, facecolor=SKY, alpha=0.45, edgecolor="white", linewidth=0.8, zorder=2

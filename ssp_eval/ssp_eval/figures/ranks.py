@@ -24,9 +24,9 @@ from ssp_eval.figures.style import (
     caption,
     drawable,
     fitted,
+    format_mean,
     names_in,
     renamed,
-    shown_mean,
     text_width_in,
     widest_in,
 )
@@ -122,7 +122,7 @@ def _blind(
 
 def _macro(groups: Mapping[str, Group], standings: Ranking) -> str:
     return ", ".join(
-        f"{one} {shown_mean(group['ivcs'].value, 3)} (#{standings.macro[one]})"
+        f"{one} {format_mean(group['ivcs'].value, 3)} (#{standings.macro[one]})"
         for one, group in groups.items()
     )
 
@@ -250,10 +250,10 @@ def _draw(
             if (value := line[index]) is not None
         }
         _end_labels(page, xs[index], side, ends, bounds)
-    scale = f"upwards: IVCS from {shown_mean(middle - half)} to {shown_mean(middle + half)}"
+    scale = f"upwards: IVCS from {format_mean(middle - half)} to {format_mean(middle + half)}"
     page.text(left_in, sheet.height_in - 0.07 - named_below_in, scale, color=GREY)
     if named_below_in:
-        mean = shown_mean(blind[CONSTANT][columns.index(None)])
+        mean = format_mean(blind[CONSTANT][columns.index(None)])
         note = f"dash-dotted: {CONSTANT}, {MACRO} {mean}"
         page.text(left_in, sheet.height_in - 0.07, note, color=RED)
     return sheet, names
@@ -286,7 +286,7 @@ def _end_text(
     side: int, name: str, value: float, rank: int | None, starts: bool, is_below: bool
 ) -> str:
     """Rank and value next to a line's end, with its name at the right, where all lines go."""
-    score = f"{shown_mean(value)} {MARK}" if is_below else shown_mean(value)
+    score = f"{format_mean(value)} {MARK}" if is_below else format_mean(value)
     if side > 0:
         return f"#{rank} {score} {name}"
     return f"{name} {score} #{rank}" if starts else f"{score} #{rank}"

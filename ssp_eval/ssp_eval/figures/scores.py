@@ -43,7 +43,7 @@ class Scores:
     rows: tuple[CellRow, ...]
 
     @cached_property
-    def shown(self) -> tuple[CellRow, ...]:
+    def matrix_rows(self) -> tuple[CellRow, ...]:
         """One row per cell for the matrix: runs together, controls and what has no scores too."""
         scored = merged(sorted((r for r in self.rows if r.status == OK), key=_run_order))
         keys = {row.key for row in scored}

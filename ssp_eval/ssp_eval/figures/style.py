@@ -386,7 +386,7 @@ def pages_of(
         yield page_name(name, number + 1, count), page
 
 
-def shown_mean(value: float | None, digits: int = 2) -> str:
+def format_mean(value: float | None, digits: int = 2) -> str:
     """Return a mean as a figure writes it."""
     return NULL if value is None else f"{value:.{digits}f}"
 

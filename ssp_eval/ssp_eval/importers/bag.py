@@ -92,12 +92,12 @@ class _Clip:
 
     Args:
         inside: places of the clip's frames among the topic's messages.
-        kept: stamps of those that are kept, by their places.
+        stamps_ns: stamps of those that are kept, by their places.
         crop_s: from and to, from the topic's first frame on.
     """
 
     inside: NDArray[np.int64]
-    kept: Mapping[int, int]
+    stamps_ns: Mapping[int, int]
     keep_every: int
     rate_hz: float
     crop_s: tuple[float, float]
@@ -105,11 +105,11 @@ class _Clip:
 
     @property
     def first_ns(self) -> int:
-        return min(self.kept.values())
+        return min(self.stamps_ns.values())
 
     @property
     def last_ns(self) -> int:
-        return max(self.kept.values())
+        return max(self.stamps_ns.values())
 
 
 def import_bag(
@@ -174,10 +174,10 @@ def import_bag(
         for pose, track in zip(poses.values(), tracks, strict=True):
             notes += [*pose.notes, *_assumptions(options, pose, track), *track.notes]
             notes += _coverage(track, clip)
-        notes += bag.files_said()
+        notes += bag.file_notes()
         notes += bag.unread(_import_topics(options))
         camera = _camera_source(options, bag, clip, frame_times, poses[VUT_ID], tracks[0])
-        started(len(clip.kept))
+        started(len(clip.stamps_ns))
         return make_bag(
             options.clip.out,
             lambda writer: _write(
@@ -215,9 +215,9 @@ def _camera_source(
     """Gather what is said of the camera up to the clip's end."""
     info, static = None, list[Any]()
     if options.camera_info is not None:
-        info = bag.valid_at(options.camera_info, int(frame_times.received_ns[min(clip.kept)]))
+        info = bag.valid_at(options.camera_info, int(frame_times.received_ns[min(clip.stamps_ns)]))
         if options.mounting is None and bag.types.get(TF_STATIC) == TF_TYPE:
-            last_ns = int(frame_times.received_ns[max(clip.kept)])
+            last_ns = int(frame_times.received_ns[max(clip.stamps_ns)])
             for received_ns, message in bag.decoded(TF_STATIC):
                 if received_ns <= last_ns:
                     static += message.transforms
@@ -374,7 +374,7 @@ def _track(options: BagOptions, name: str, poses: Poses, clip: _Clip, findings: 
     body = options.clip.motion.body(name, object_class, "rear_axle", role)
     stamps_ns = poses.samples.stamps_ns
     inside = (stamps_ns >= clip.first_ns) & (stamps_ns <= clip.last_ns)
-    return make_track(poses.samples.taken(np.flatnonzero(inside)), body, findings)
+    return make_track(poses.samples.select(np.flatnonzero(inside)), body, findings)
 
 
 def _assumptions(options: BagOptions, poses: Poses, track: Track) -> list[str]:
@@ -462,7 +462,7 @@ def _write(
     )
     notes = [*notes, *clip.notes]
     count = picture_count = 0
-    for stamp_ns, data in source.frames(clip.kept):
+    for stamp_ns, data in source.frames(clip.stamps_ns):
         count += 1
         picture = intake.take(stamp_ns, kind, data)
         if picture is not None:
@@ -474,9 +474,9 @@ def _write(
             picture_count += 1
             writer.write(IMAGE, encode_frame(stamp_ns, picture), stamp_ns, stamp_ns, count)
         advance(1)
-    if count < len(clip.kept):
+    if count < len(clip.stamps_ns):
         raise InputError(
-            f"gave {count} frames, {len(clip.kept)} were planned",
+            f"gave {count} frames, {len(clip.stamps_ns)} were planned",
             file=options.bag,
             field=options.camera,
             remedy="let nothing write to the bag during the import",

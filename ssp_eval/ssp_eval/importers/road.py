@@ -38,7 +38,7 @@ _MAPS = {"opendrive": "map.xodr", "sumo": "map.net.xml"}
 
 
 @dataclass(frozen=True)
-class BoundRoad:
+class RecordingRoad:
     """The road of a recording.
 
     Args:
@@ -52,7 +52,7 @@ class BoundRoad:
     notes: tuple[str, ...] = ()
 
 
-def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
+def bind_road(name_or_path: str, block: str | None, vut: Track) -> RecordingRoad:
     """Return the block of a map under the VUT's path, or its route through a junction.
 
     Args:
@@ -79,7 +79,7 @@ def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
             "with --start and --end, or name another block",
         )
     data = path.read_bytes()
-    return BoundRoad(
+    return RecordingRoad(
         ImportedSite(
             name=library.source,
             kind=library.kind,

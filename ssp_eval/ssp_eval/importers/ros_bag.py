@@ -168,7 +168,7 @@ class SourceBag(Closing):
                 remedy=_REPAIRABLE,
             ) from error
 
-    def files_said(self) -> list[str]:
+    def file_notes(self) -> list[str]:
         """Say which files were left out, or that nothing names those that were read."""
         if not self.path.is_dir():
             return []

@@ -44,7 +44,7 @@ from ssp_eval.data.provenance import (
 )
 from ssp_eval.importers.findings import Findings
 from ssp_eval.importers.options import DeclaredFacts, MotionOptions
-from ssp_eval.importers.road import BoundRoad, bind_road
+from ssp_eval.importers.road import RecordingRoad, bind_road
 from ssp_eval.importers.tracks import Track
 from ssp_scenario_manager.compile.task import EVENT_FILE
 from ssp_scenario_manager.event_spec.log import Record, append_record, utc_now
@@ -151,7 +151,7 @@ class Motion:
 
     tracks: Sequence[Track]
     states: ImportedStates
-    road: BoundRoad | None
+    road: RecordingRoad | None
 
 
 def measured_motion(
@@ -354,7 +354,7 @@ def keep_every(fps: float, rate_hz: float | None) -> int:
 
 
 @dataclass(frozen=True)
-class KeptFrames:
+class FrameSelection:
     """The frames that are kept of a clip.
 
     Args:
@@ -372,7 +372,7 @@ class KeptFrames:
 
 def thin(
     times_ns: NDArray[np.int64], rate_hz: float | None, fps: float | None = None
-) -> KeptFrames:
+) -> FrameSelection:
     """Keep every n-th frame, and more where the rate is lower than on the average.
 
     Args:
@@ -405,7 +405,7 @@ def thin(
     frame_indices = np.array(selection, dtype=np.int64)
     span_ns = float(times_ns[frame_indices[-1]] - times_ns[0])
     rate = (len(frame_indices) - 1) * NS_PER_S / span_ns if more and span_ns else fps / step
-    return KeptFrames(frame_indices, step, rate, notes)
+    return FrameSelection(frame_indices, step, rate, notes)
 
 
 def jpeg(image: Bgr) -> bytes:

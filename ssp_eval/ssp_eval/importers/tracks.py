@@ -97,7 +97,7 @@ class Samples:
         """Return the same with these columns."""
         return replace(self, columns={**self.columns, **columns})
 
-    def taken(self, keep: NDArray[np.bool_] | Stamps) -> Samples:
+    def select(self, keep: NDArray[np.bool_] | Stamps) -> Samples:
         """Return only these samples."""
         lines = self.source.lines
         sample_lines = None if lines is None else tuple(np.asarray(lines)[keep].tolist())
@@ -327,7 +327,7 @@ def _rising(samples: Samples, body: Body, notes: list[str]) -> Samples:
     notes.append(
         f"{body.object_id}: {int(again.sum())} samples that repeat the one before were left out"
     )
-    return samples.taken(~again)
+    return samples.select(~again)
 
 
 def _check_finite(samples: Samples) -> None:

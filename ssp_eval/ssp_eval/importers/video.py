@@ -32,8 +32,8 @@ from ssp_eval.importers.table import Table, TableObject, read_table
 from ssp_eval.importers.target import (
     IMAGE,
     CameraFacts,
+    FrameSelection,
     ImportSummary,
-    KeptFrames,
     Motion,
     attach_record,
     check_free,
@@ -127,14 +127,14 @@ def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> Import
 
 def _frame_selection(
     video: Video, options: VideoOptions, every: int, sound: Soundness
-) -> KeptFrames:
+) -> FrameSelection:
     """Return the frames of the crop that are kept."""
     clip, fps = options.clip, video.info.fps
     slack_s = 0.01 / fps
     end_s = math.inf if clip.end_s is None else clip.end_s
     times_s = [t for t in sound.times_s if clip.start_s - slack_s <= t < end_s - slack_s]
     if len(times_s) < 2:
-        return KeptFrames(np.zeros(1, dtype=np.int64), every, fps / every, ())
+        return FrameSelection(np.zeros(1, dtype=np.int64), every, fps / every, ())
     return thin(np.array([seconds_to_ns(t) for t in times_s]), clip.rate_hz, fps)
 
 
@@ -186,7 +186,7 @@ def _write(
     video: Video,
     options: VideoOptions,
     table: Table | None,
-    selection: KeptFrames,
+    selection: FrameSelection,
     damaged: int,
     findings: Findings,
     advance: Callable[[int], None],
@@ -360,7 +360,7 @@ def _track(
         )
     role = Role.VUT if object_id == VUT_ID else Role.OT
     body = options.clip.motion.body(object_id, one.object_class, "centre", role, one.size)
-    samples = replace(one.samples, stamps_ns=stamps_ns).taken(np.flatnonzero(inside))
+    samples = replace(one.samples, stamps_ns=stamps_ns).select(np.flatnonzero(inside))
     return make_track(samples, body, findings)
 
 
@@ -372,14 +372,14 @@ class _FrameChange:
     """
 
     _last: FloatArray | None = None
-    _found: list[float] = field(default_factory=list)
+    _changes: list[float] = field(default_factory=list)
 
     def take(self, image: Bgr) -> None:
         """Take the next frame."""
         small = cv2.resize(image, _COMPARED_PX, interpolation=cv2.INTER_AREA)
         grey = np.asarray(small, dtype=np.float64).mean(axis=2)
         if self._last is not None:
-            self._found.append(float(np.abs(grey - self._last).mean()))
+            self._changes.append(float(np.abs(grey - self._last).mean()))
         self._last = grey
 
     def contrast(self, speed_mps: FloatArray) -> float | None:
@@ -393,7 +393,7 @@ class _FrameChange:
             speeds are those of the camera.
         """
         speed = np.abs(speed_mps)
-        changes = np.array(self._found)
+        changes = np.array(self._changes)
         standing = changes[np.maximum(speed[1:], speed[:-1]) < _STANDING_MPS]
         driving = changes[np.minimum(speed[1:], speed[:-1]) > _DRIVING_MPS]
         if min(len(standing), len(driving)) < _LEAST_PAIRS:

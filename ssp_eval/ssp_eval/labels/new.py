@@ -33,8 +33,8 @@ from ssp_eval.labels.truth import (
     KStar,
     Source,
     Truth,
-    given_event,
     is_bag,
+    load_k_star,
     read_source,
     shipped_event,
     truth_from_file,
@@ -50,7 +50,7 @@ _MOST = 3
 
 
 @dataclass(frozen=True)
-class _GivenValues:
+class _UserValues:
     """The values that a user states where a recording doesn't.
 
     Args:
@@ -184,8 +184,8 @@ def new(
         raise click.UsageError(f"give at most {_MOST} recordings, one per domain")
     if not sources and (truth is None or template):
         raise click.UsageError("give a BAG or VIDEO, or --truth FILE")
-    options = _GivenValues(
-        domain, scenario, event_version, None if event is None else given_event(event), truth, start
+    options = _UserValues(
+        domain, scenario, event_version, None if event is None else load_k_star(event), truth, start
     )
     paths = [find_bag(path) if is_bag(path) else path for path in sources]
     recordings = _read(paths, options)
@@ -211,7 +211,7 @@ def new(
     _say_proposal(targets[0], proposal, first.truth)
 
 
-def _read(paths: Sequence[Path], options: _GivenValues) -> list[_Recording]:
+def _read(paths: Sequence[Path], options: _UserValues) -> list[_Recording]:
     """Read the parts of recordings that planning and proposing their labels need.
 
     Args:
@@ -243,7 +243,7 @@ def _read(paths: Sequence[Path], options: _GivenValues) -> list[_Recording]:
     return recordings
 
 
-def _of_truth_file(options: _GivenValues) -> _Recording:
+def _of_truth_file(options: _UserValues) -> _Recording:
     if options.truth is None:
         raise InputError(
             "there is neither a recording nor a truth file",
@@ -262,7 +262,7 @@ def _of_truth_file(options: _GivenValues) -> _Recording:
     )
 
 
-def _of_source(source: Source, event: KStar | None, options: _GivenValues) -> _Recording:
+def _of_source(source: Source, event: KStar | None, options: _UserValues) -> _Recording:
     path, facts = source.path, source.provenance
     origin = source.origin or str(path)
     truth_file = None if source.states.series else options.truth
@@ -421,7 +421,7 @@ def _write(files: Sequence[NewFile]) -> None:
     write_files(files)
 
 
-def _say_another_video(recordings: Sequence[_Recording], options: _GivenValues) -> None:
+def _say_another_video(recordings: Sequence[_Recording], options: _UserValues) -> None:
     event = None if options.event is None else options.event.event
     for one in recordings:
         video = None if one.source is None or one.truth is not None else one.source.video_sha256
@@ -468,7 +468,7 @@ def _say_proposal(out: Path, proposal: Proposal, truth: Truth) -> None:
         f"{', ' + crop.shortfall if crop.shortfall else ''}. Look them over: they are a proposal."
     )
     rule = _conflict_rule(truth.rules.thresholds)
-    console.note(f"conflict where {rule} ({truth.rules.said_by})")
+    console.note(f"conflict where {rule} ({truth.rules.origin})")
     for problem in response_problems(proposal.labels):
         console.note(f"warning: no model can get a risk response: {problem}")
 

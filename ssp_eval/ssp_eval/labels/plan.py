@@ -71,7 +71,7 @@ class Timeline:
         """C of METHOD 5.2b."""
         return self.resolution_s - self.conflict_s
 
-    def shown_s(self, t_s: float) -> float | None:
+    def newest_frame_s(self, t_s: float) -> float | None:
         """Return the stamp of the newest frame at or before a time; None without one."""
         newest = bisect_right(self.frames_s, t_s + _HALF_NS) - 1
         return None if newest < 0 else self.frames_s[newest]
@@ -95,7 +95,7 @@ class Timeline:
         candidate of METHOD 6.9 in every domain.
         """
         first = next(at for at in plan.at if at.phase == "trigger")
-        shown_s = self.shown_s(self.time_of(first))
+        shown_s = self.newest_frame_s(self.time_of(first))
         return self.trigger_s if shown_s is None else min(self.trigger_s, shown_s)
 
 
@@ -224,7 +224,7 @@ def _gap_problem(timelines: Sequence[Timeline], places: Sequence[PhasePosition])
     """
     for timeline in timelines:
         times_s = [timeline.time_of(at) for at in places]
-        shown_s = [timeline.shown_s(t_s) for t_s in times_s]
+        shown_s = [timeline.newest_frame_s(t_s) for t_s in times_s]
         missing = [t_s for t_s, stamp_s in zip(times_s, shown_s, strict=True) if stamp_s is None]
         if missing:
             return f"{timeline.name} has no frame at or before {missing[0]:.3f} s"

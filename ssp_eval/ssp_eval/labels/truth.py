@@ -73,10 +73,10 @@ class KStar:
 
     event: Event
     version: str
-    said_by: str
+    origin: str
 
 
-def given_event(name_or_path: str) -> KStar:
+def load_k_star(name_or_path: str) -> KStar:
     """Return the K* that a user names.
 
     Raises:
@@ -110,14 +110,14 @@ def _rules(
     """Return a recording's rules: those of its K* or the shipped one, else the run's, else none."""
     reference = k_star or shipped_event(scenario, version)
     if reference is not None:
-        return replace(rules_of(reference.event, run), said_by=reference.said_by)
+        return replace(rules_of(reference.event, run), origin=reference.origin)
     rules = rules_of(None, run)
     if run is not None:
         return rules
     why = f"none is shipped for {scenario}"
     if scenario is not None and shipped_event(scenario, None) is not None:
         why = f"the shipped {scenario} is not {version}"
-    return replace(rules, said_by=f"{rules.said_by}: {why}")
+    return replace(rules, origin=f"{rules.origin}: {why}")
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from ssp_eval.observations.files import (
     write_observation,
 )
 from ssp_eval.observations.model import SCHEMA, Observation
-from ssp_eval.observations.page import chosen, render, shown_frames
+from ssp_eval.observations.page import page_frames, render, select_frames
 from ssp_eval.observations.questions import blank, cards, template
 from ssp_eval.recordings.states import frame_times
 from ssp_scenario_manager.compile.task import TASK_FOLDER
@@ -121,10 +121,10 @@ def observe(
         then = pasteable("audit", "observe", bag, "--seal", target)
         console.note(f"{target}: fill it in, then {then}")
         return
-    indices = chosen(footage, rate, start, end)
+    indices = select_frames(footage, rate, start, end)
     with console.progress("frames", len(indices)) as bar:
         task = bar.task_ids[0]
-        frames = shown_frames(path, indices, footage, lambda: bar.advance(task))
+        frames = page_frames(path, indices, footage, lambda: bar.advance(task))
     write_text(target, render(empty | {"seal": None}, questions, frames, str(bag)))
     console.note(
         f"{target}: {len(frames)} of {len(footage.frames_s)} frames, "

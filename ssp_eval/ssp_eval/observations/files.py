@@ -151,7 +151,7 @@ def check_observation(observation: Observation, footage: Footage, file: Path) ->
     for path, problem in observation.contradictions():
         raise InputError(problem, file=file, field=path, remedy="correct it, then seal it again")
     last = len(footage.frames_s) - 1
-    for path, frame_answers in observation.seen():
+    for path, frame_answers in observation.evidence_groups():
         for number, item in enumerate(frame_answers.frames):
             newest = item if isinstance(item, int) else item[1]
             if newest > last:

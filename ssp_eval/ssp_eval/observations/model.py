@@ -213,7 +213,7 @@ class Answers(Strict):
     visibility: Visibility
     log: Log = NO_LOG
 
-    def seen(self) -> Iterator[tuple[str, FrameAnswers]]:
+    def evidence_groups(self) -> Iterator[tuple[str, FrameAnswers]]:
         """Yield every group of answers that has evidence, by its path."""
         for name in ("topology", "roles", "dominant_motion", "conflict_type", "passing_order"):
             yield name, getattr(self, name)
@@ -229,7 +229,7 @@ class Answers(Strict):
     def unanswered(self) -> tuple[str, ...]:
         """Return the paths of unanswered fields, without the declarations of the log."""
         paths = []
-        for path, one in self.seen():
+        for path, one in self.evidence_groups():
             for key, value in leaves(one.answers()):
                 if value is None and not _is_idle(path, key, self):
                     paths.append(f"{path}.{key}")

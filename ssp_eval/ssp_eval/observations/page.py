@@ -36,7 +36,7 @@ class PageFrame:
     jpeg: bytes
 
 
-def chosen(
+def select_frames(
     footage: Footage, rate_hz: float, start_s: float | None = None, end_s: float | None = None
 ) -> list[int]:
     """Return indices of the frames to show, rising; 600 at most.
@@ -64,7 +64,7 @@ def chosen(
     return inside[:: max(every, math.ceil(len(inside) / MOST_FRAMES))]
 
 
-def shown_frames(
+def page_frames(
     bag: Path,
     indices: list[int],
     footage: Footage,

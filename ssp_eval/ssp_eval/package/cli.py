@@ -55,7 +55,7 @@ def make_command(
 
     with console.progress("package (MiB)", None) as bar:
         table, findings = make_package(
-            folders, out, force=force, copy=copy, progress=_shown_on(bar), workers=workers
+            folders, out, force=force, copy=copy, progress=_progress_on(bar), workers=workers
         )
     if as_json:
         summary = {
@@ -94,7 +94,7 @@ def verify_command(folder: Path, expected_id: str | None, workers: int, as_json:
 
     with console.progress("verify (MiB)", None) as bar:
         verdict = verify_package(
-            folder, expected_id=expected_id, progress=_shown_on(bar), workers=workers
+            folder, expected_id=expected_id, progress=_progress_on(bar), workers=workers
         )
     if as_json:
         click.echo(json.dumps({"ok": verdict.ok, **asdict(verdict)}, sort_keys=True))
@@ -180,7 +180,7 @@ def _notes(missing: Iterable[str], notes: Iterable[str]) -> None:
         console.note(f"note: {text}")
 
 
-def _shown_on(bar: RichProgress) -> Progress:
+def _progress_on(bar: RichProgress) -> Progress:
     """Show a count of bytes in whole MiB, and the step that follows."""
     task = bar.task_ids[0]
     byte_count = 0

@@ -17,7 +17,7 @@ from ssp_eval.data.labels import Labels, parse_labels
 from ssp_eval.data.provenance import IMPORT_ATTACHMENT, RUN_ATTACHMENT
 from ssp_eval.data.records import BehaviourRecord, parse_records, record_to_json
 from ssp_eval.evaluate.clients.models import BLIND, REASONING, REPEAT
-from ssp_eval.evaluate.store.admission import said_of
+from ssp_eval.evaluate.store.admission import audit_statuses
 from ssp_eval.evaluate.store.answer_records import record_of
 from ssp_eval.evaluate.store.cell_file import (
     CELL_SCHEMA,
@@ -27,7 +27,7 @@ from ssp_eval.evaluate.store.cell_file import (
     SEAL,
     sealed,
 )
-from ssp_eval.evaluate.store.requests import RAW_FILE, REQUESTS_FILE, asked_again
+from ssp_eval.evaluate.store.requests import RAW_FILE, REQUESTS_FILE, rebuild_request
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.observations.files import check_seal
 from ssp_eval.observations.model import Observation
@@ -62,7 +62,7 @@ class Links:
     def __init__(self, index: Index) -> None:
         self._index = index
         self._contents = index.contents
-        self.found: list[Link] = []
+        self.links: list[Link] = []
         self.problems: list[Problem] = []
         self.cells: dict[str, dict[str, Any]] = {}
 
@@ -88,12 +88,12 @@ class Links:
             video = self._contents.with_hash(sha256, path)
             if video is not None:  # else it is a part that is missing: a clip may be kept private
                 self._add("source_video", path, "source.sha256", video, sha256, "source video")
-        used = {link.hash for link in self.found if link.kind == "bag"}
+        used = {link.hash for link in self.links if link.kind == "bag"}
         for digest, recording in self._index.recordings.items():
             if digest in used:
                 self._recording(recording)
-        self.found.sort(key=lambda link: (link.source, link.at, link.target))
-        return self.found
+        self.links.sort(key=lambda link: (link.source, link.at, link.target))
+        return self.links
 
     def _shortlists(self, entry: FileEntry) -> None:
         """Link the shortlists that the events of a log were candidates of."""
@@ -115,7 +115,7 @@ class Links:
             text = f"names {_a(what)} that is not in the package ({sha256})"
             self.problems.append(Problem(source, at, text))
         else:
-            self.found.append(
+            self.links.append(
                 Link(kind=kind, source=source, at=at, target=target.path, hash=sha256)
             )
 
@@ -197,7 +197,7 @@ class Links:
         if file is None:
             return
         audit = parse_model(Audit, self._contents.mapping(file), file.path)
-        statuses = said_of(audit, bag, facts["hashes"].get("verdict"))
+        statuses = audit_statuses(audit, bag, facts["hashes"].get("verdict"))
         if statuses != {admission.get("status")}:
             text = (
                 f"is {admission.get('status')}, and by {file.path} it is "
@@ -346,7 +346,7 @@ class Chains:
     def __init__(self, index: Index) -> None:
         self._index = index
         self._contents = index.contents
-        self.found: list[Chain] = []
+        self.chains: list[Chain] = []
         self.links: list[Link] = []
         self.problems: list[Problem] = []
         self.notes: list[str] = []
@@ -371,7 +371,7 @@ class Chains:
         requests_file, raw_file = self._file(cell, REQUESTS_FILE), self._file(cell, RAW_FILE)
         requests = self._lines(requests_file)
         raw = {str(value.get("request_id")): (ref, value) for ref, value in self._lines(raw_file)}
-        self._check_asked(raw_file, raw, requests)
+        self._check_raw_requests(raw_file, raw, requests)
         if len(requests) != len(labels.labels):
             text = f"holds {len(requests)} lines for {len(labels.labels)} labels"
             raise InputError(
@@ -395,11 +395,11 @@ class Chains:
                 ref, request = at_time.get(records[match].t_s, (ref, request))
             answer = raw.get(str(request.get("request_id")))
             if match is not None and record_ref is not None:
-                self._made_from(
+                self._check_record(
                     facts, records_file, record_ref, records[match], answer, request, raw
                 )
             missing = str(request.get("missing", ""))
-            self.found.append(
+            self.chains.append(
                 Chain(
                     cell=cell,
                     label=number,
@@ -439,7 +439,7 @@ class Chains:
             lines.append((LineRef(line=number, sha256=sha256_bytes(line.encode())), value))
         return lines
 
-    def _check_asked(
+    def _check_raw_requests(
         self, raw_file: FileEntry, raw: Mapping[str, tuple[LineRef, Any]], requests: Lines
     ) -> None:
         request_ids = {str(request.get("request_id")) for _, request in requests}
@@ -466,7 +466,7 @@ class Chains:
             self._problem(stored, "", "is not what its records and labels give")
         return [judgement.record for judgement in score.details.judgements]
 
-    def _made_from(
+    def _check_record(
         self,
         facts: Mapping[str, Any],
         records_file: FileEntry,
@@ -489,7 +489,7 @@ class Chains:
                 self.notes.append(note)
             return
         before = raw.get(str((request.get("previous") or {}).get("request_id")))
-        adapter_request = asked_again(
+        adapter_request = rebuild_request(
             request, None if before is None else _response(before, raw_path)
         )
         again = record_of(

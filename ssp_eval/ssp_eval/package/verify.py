@@ -59,13 +59,13 @@ class StoredAudit:
 
     Args:
         entry: its file.
-        told: what it says.
+        content: what it says.
         places: the MCAP files of its recordings, in its order.
         event: the file of the K* that it names, None where it names none.
     """
 
     entry: FileEntry
-    told: Audit
+    content: Audit
     places: tuple[FileEntry, ...]
     event: FileEntry | None
 
@@ -108,7 +108,7 @@ def check_audit(contents: Contents, audit: StoredAudit, scratch: Path) -> AuditF
         scratch: a new folder, for links to the recordings.
     """
     findings = AuditFindings()
-    entry, original = audit.entry, audit.told
+    entry, original = audit.entry, audit.content
     limits = None if original.response is None else original.response.limits
     try:
         event = _event(contents, audit.event)
@@ -309,10 +309,10 @@ def work_out(
         for comparison in results(of_campaigns):
             pages.add(comparison)
     pages.say_what_was_not_compared(contents)
-    all_links = [*links.found, *chains.links]
+    all_links = [*links.links, *chains.links]
     return Findings(
         links=sorted(all_links, key=lambda link: (link.source, link.at, link.target)),
-        chains=chains.found,
+        chains=chains.chains,
         missing=missing_parts(index, links.cells, all_links),
         problems=list(
             dict.fromkeys(

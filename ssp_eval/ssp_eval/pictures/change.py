@@ -66,7 +66,7 @@ class Change:
         return (self.mirrored + _QUIET) / (self.outside + _QUIET)
 
 
-def is_shown(footage: Footage, index: int, object_id: str) -> bool:
+def is_visible(footage: Footage, index: int, object_id: str) -> bool:
     """Tell whether an object is large and clear enough in a frame, by its states, to be judged."""
     states = footage.moments[index].states
     if object_id not in states or footage.vut_id not in states:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ssp_core.run_file.road import Road
 from ssp_eval.data.audit import PictureCheck
-from ssp_eval.pictures.change import Change, compare_change, is_aside, is_shown
+from ssp_eval.pictures.change import Change, compare_change, is_aside, is_visible
 from ssp_eval.pictures.footage import Footage, Grey, coarse, pairs_apart, reduced_size, spread
 from ssp_eval.pictures.ground import Pair, agrees, compare_ground, mean_match
 from ssp_eval.pictures.sides import Sides, compare_sides, frames_apart
@@ -83,7 +83,7 @@ class Plan:
     sides: Sequence[int]
 
     @property
-    def wanted(self) -> set[int]:
+    def frame_indices(self) -> set[int]:
         """Indices of all frames that are needed."""
         pairs = [*self.road, *self.far, *(pair for one in self.change.values() for pair in one)]
         return {index for pair in pairs for index in pair}.union(self.sides)
@@ -116,7 +116,7 @@ def plan_pairs(
     wide = pairs_apart(times_s, _CHANGE_APART_S, len(times_s), set(usable))
     change = {}
     for target in targets:
-        visible_pairs = [pair for pair in wide if is_shown(unread, pair[1], target)]
+        visible_pairs = [pair for pair in wide if is_visible(unread, pair[1], target)]
         aside = [pair for pair in visible_pairs if is_aside(unread, pair[1], target)]
         rest = [pair for pair in visible_pairs if pair not in set(aside)]
         target_pairs = [*spread(aside, _ASIDE_PAIRS), *spread(rest, _CHANGE_PAIRS - _ASIDE_PAIRS)]
@@ -171,7 +171,7 @@ def compare_pictures(footage: Footage, plan: Plan, lanes: Road | None = None) ->
     sides = None
     if lanes is not None:
         sides = compare_sides(footage, [k for k in plan.sides if k in footage.grey], lanes)
-    checks.append(sides_check(sides, lanes is not None, _told_otherwise(checks, change)))
+    checks.append(sides_check(sides, lanes is not None, _other_side_evidence(checks, change)))
     for target, changes in change.items():
         checks += [change_check(target, changes), place_check(target, changes)]
     return PictureFigures(tuple(checks), tuple(road), tuple(turns), change)
@@ -238,7 +238,7 @@ def road_checks(pairs: Sequence[Pair]) -> list[PictureCheck]:
         f"the road moves {ratio:.2f} times as fast as recorded",
     )
     scale = min(max(ratio, RATIO_LIMITS[0]), RATIO_LIMITS[1])
-    agreeing = sum(agrees(pair.seen_mps / scale, pair.speed_mps) for pair in followed)
+    agreeing = sum(agrees(pair.picture_mps / scale, pair.speed_mps) for pair in followed)
     share = agreeing / len(followed)
     course = _figure(
         names[1],
@@ -260,8 +260,8 @@ def _time_check(name: str, pairs: Sequence[Pair]) -> PictureCheck:
     """Find the delay of the pictures at which the recorded speeds differ least from those seen."""
     times_s = np.array([pair.t_s for pair in pairs])
     recorded_mps = np.array([pair.speed_mps for pair in pairs])
-    seen_mps = np.array([pair.refined_mps for pair in pairs])
-    scaled_mps = seen_mps / np.array(_TIME_RATIOS)[:, None]
+    picture_mps = np.array([pair.refined_mps for pair in pairs])
+    scaled_mps = picture_mps / np.array(_TIME_RATIOS)[:, None]
 
     def left_over_mps(lag_s: float) -> float:
         # Before the first and after the last pair their speeds go on.
@@ -294,7 +294,7 @@ def turning_check(turns: Sequence[Turn]) -> PictureCheck:
     if len(turns) < _LEAST_PAIRS:
         return _open(name, f"points could be followed in {len(turns)} pairs of frames", len(turns))
     recorded = np.array([turn.recorded_radps for turn in turns])
-    picture_radps = np.array([turn.seen_radps for turn in turns])
+    picture_radps = np.array([turn.picture_radps for turn in turns])
     turned = np.abs(recorded) >= _TURNING_RADPS
     if turned.sum() >= _LEAST_TURNS:
         # The median: a pair in which points were mistaken moves nothing.
@@ -361,7 +361,9 @@ def change_check(target: str, changes: Sequence[Change]) -> PictureCheck:
     return _figure(target, factor, (CHANGE_LIMIT, None), len(changes), finding)
 
 
-def _told_otherwise(checks: Sequence[PictureCheck], change: Mapping[str, Sequence[Change]]) -> str:
+def _other_side_evidence(
+    checks: Sequence[PictureCheck], change: Mapping[str, Sequence[Change]]
+) -> str:
     """Return what else tells left from right in a recording; empty: nothing."""
     turning = next(check for check in checks if check.name == "turning")
     if turning.figure is not None and not turning.unit:
@@ -391,12 +393,14 @@ def sides_check(sides: Sides | None, has_lanes: bool, otherwise: str) -> Picture
         why = "lane borders fit the pictures and their mirror images alike"
     if sides is None or why:
         rest = otherwise or "nothing else does, so that mirrored pictures would not be seen"
-        return _open(SIDES, f"{why}; {rest}", 0 if sides is None else sides.judged)
+        return _open(SIDES, f"{why}; {rest}", 0 if sides is None else sides.frame_count)
     finding = (
         f"lane borders fit the pictures by {sides.fit:.2f}, and their mirror images by "
         f"{sides.mirrored:.2f}"
     )
-    return _figure(SIDES, sides.fit - sides.mirrored, (SIDES_LIMIT, None), sides.judged, finding)
+    return _figure(
+        SIDES, sides.fit - sides.mirrored, (SIDES_LIMIT, None), sides.frame_count, finding
+    )
 
 
 def _aside(changes: Sequence[Change]) -> list[Change]:

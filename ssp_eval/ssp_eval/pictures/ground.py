@@ -91,10 +91,10 @@ class Pair:
         """
         if self.is_repeated or abs(self.way_m) <= 2.0 * _STILL_M or not self.best > 0.0:
             return False
-        return abs(self.seen_mps * self.apart_s) <= _STILL_M
+        return abs(self.picture_mps * self.apart_s) <= _STILL_M
 
     @property
-    def seen_mps(self) -> float:
+    def picture_mps(self) -> float:
         """The speed at which the road fits best."""
         return float(self.ways_m[int(np.nanargmax(self.match))]) / self.apart_s
 
@@ -150,13 +150,13 @@ def compare_ground(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[P
         middle_s = (before.t_s + after.t_s) / 2.0
         pair = Pair(middle_s, apart_s, way_m, ways_m, match, is_repeated)
         is_alone = all(len(moment.states) == 1 for moment in (before, after))
-        if pair.is_followed and not is_alone and not agrees(pair.seen_mps, pair.speed_mps):
+        if pair.is_followed and not is_alone and not agrees(pair.picture_mps, pair.speed_mps):
             # A low sun lays an object's shadow across one half of the road; it moves with it.
             halves = (replace(pair, match=_correlate(*half, apart_s)[1]) for half in _halves(views))
             agreeing = (
                 half
                 for half in halves
-                if half.is_followed and agrees(half.seen_mps, half.speed_mps)
+                if half.is_followed and agrees(half.picture_mps, half.speed_mps)
             )
             pair = next(agreeing, pair)
         road_pairs.append(pair)
@@ -171,10 +171,10 @@ def _halves(views: tuple[_Seen, _Seen]) -> Iterator[tuple[_Seen, _Seen]]:
         yield (old[:, part], old_mask[:, part]), (new[:, part], new_mask[:, part])
 
 
-def agrees(seen_mps: float, recorded_mps: float) -> bool:
+def agrees(picture_mps: float, recorded_mps: float) -> bool:
     """Tell whether two speeds are the same within a quarter of the larger, or 1 m/s."""
-    larger_mps = max(abs(seen_mps), abs(recorded_mps))
-    return abs(seen_mps - recorded_mps) <= max(_AGREE_SHARE * larger_mps, _AGREE_MPS)
+    larger_mps = max(abs(picture_mps), abs(recorded_mps))
+    return abs(picture_mps - recorded_mps) <= max(_AGREE_SHARE * larger_mps, _AGREE_MPS)
 
 
 def _bend_1pm(footage: Footage, first: int, second: int) -> float:

@@ -53,13 +53,13 @@ class Sides:
         fit: in the pictures as they are, at the place and pitch at which it is largest.
         mirrored: the same in their mirror images.
         differing: share of the borders' pattern in which the two sides differ, 0 to 1.
-        judged: frames that it comes from.
+        frame_count: frames that it comes from.
     """
 
     fit: float
     mirrored: float
     differing: float
-    judged: int
+    frame_count: int
 
 
 def frames_apart(moments: Sequence[Moment], vut_id: str, usable: Sequence[int]) -> list[int]:

@@ -39,12 +39,12 @@ class Turn:
     Args:
         t_s: clip time of the earlier one.
         recorded_radps: by the states.
-        seen_radps: by the pictures.
+        picture_radps: by the pictures.
     """
 
     t_s: float
     recorded_radps: float
-    seen_radps: float
+    picture_radps: float
 
 
 def compare_turning(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[Turn]:

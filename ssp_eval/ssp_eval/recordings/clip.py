@@ -178,7 +178,7 @@ class _Entries:
         return _Entries([self[index] for index in range(low, high)])
 
 
-class KeptQuestions:
+class QuestionCache:
     """The questions under the rules that were used last, as far as there is room for them."""
 
     def __init__(self) -> None:
@@ -187,7 +187,7 @@ class KeptQuestions:
     def clear(self) -> None:
         """Forget all questions."""
         self._rules: Preprocessing | None = None
-        self._kept: dict[float, Question | NoQuestion] = {}
+        self._questions: dict[float, Question | NoQuestion] = {}
         self._left_bytes = _MOST_BYTES
 
     def get(self, label_t_s: float, rules: Preprocessing) -> Question | NoQuestion | None:
@@ -195,7 +195,7 @@ class KeptQuestions:
         if rules != self._rules:
             self.clear()
             self._rules = rules
-        return self._kept.get(label_t_s)
+        return self._questions.get(label_t_s)
 
     def put(self, label_t_s: float, question: Question | NoQuestion) -> None:
         """Keep a question under the rules of the last ``get``, if there is room."""
@@ -203,7 +203,7 @@ class KeptQuestions:
         size = sum(len(frame.jpeg) for frame in frames)
         if size <= self._left_bytes:
             self._left_bytes -= size
-            self._kept[label_t_s] = question
+            self._questions[label_t_s] = question
 
 
 class Clip(Closing):
@@ -221,16 +221,16 @@ class Clip(Closing):
             self._bag = self._stack.enter_context(BagReader(self.path))
             self._content = self._stack.enter_context(BagContent(self._bag))
             with self._content.watched():
-                self._told = read_provenance(self._bag, "")
+                self._provenance = read_provenance(self._bag, "")
                 self._check_frames()
                 self._frames, self._states = self._index()
                 self.camera, self.mount = self._camera()
         except BaseException:
             self._stack.close()
             raise
-        self._kept = KeptQuestions()
+        self._question_cache = QuestionCache()
         self.crop: Crop | None = None
-        start_ns = self._told.session_start_ns
+        start_ns = self._provenance.session_start_ns
         self.start_ns = self._frames.stamps_ns[0] if start_ns is None else start_ns
 
     @cached_property
@@ -240,9 +240,9 @@ class Clip(Closing):
         Raises:
             InputError: a file of it can't be read, or was changed since the clip was opened.
         """
-        if self._told.declaration_sha256 is not None:
+        if self._provenance.declaration_sha256 is not None:
             read_declaration(bag_folder(self.path), self._content.sha256)
-        return replace(self._told, bag_sha256=self._content.sha256)
+        return replace(self._provenance, bag_sha256=self._content.sha256)
 
     @property
     def is_hashed(self) -> bool:
@@ -284,7 +284,7 @@ class Clip(Closing):
         return _Entries(frames), _Entries(states)
 
     def _camera(self) -> tuple[CameraGeometry | None, Mounting | None]:
-        if self._told.camera == "unknown":
+        if self._provenance.camera == "unknown":
             return None, None
         info, transform = self._first(_INFO), self._first(_MOUNT)
         mount = None if transform is None else mounting_of(transform.transform)
@@ -325,11 +325,11 @@ class Clip(Closing):
         Raises:
             InputError: a file of the bag can't be read, or was changed since the clip was opened.
         """
-        question = self._kept.get(label_t_s, rules)
+        question = self._question_cache.get(label_t_s, rules)
         if question is None:
             with self._content.watched():
                 question = self._question(label_t_s, rules)
-            self._kept.put(label_t_s, question)
+            self._question_cache.put(label_t_s, question)
         return question
 
     def last_arrived(
@@ -387,7 +387,7 @@ class Clip(Closing):
         Those under the rules that were used last are kept as far as there is room: models with the
         same rules are asked the same, one after the other.
         """
-        self._kept.clear()
+        self._question_cache.clear()
 
     def _question(self, label_t_s: float, rules: Preprocessing) -> Question | NoQuestion:
         label_ns = self.start_ns + seconds_to_ns(label_t_s)
@@ -411,7 +411,7 @@ class Clip(Closing):
             ),
             camera=self.camera,
             history=history,
-            ego_provenance=self._told.ego if history else "unknown",
+            ego_provenance=self._provenance.ego if history else "unknown",
             task=self.task,
         )
         return Question(label_t_s, ns_to_seconds(stamp - self.start_ns), request)
@@ -427,7 +427,7 @@ class Clip(Closing):
 
     def _history(self, now_ns: int, rules: Preprocessing) -> tuple[EgoSample, ...]:
         """Return ego samples up to a time, oldest first; empty without a recent state."""
-        if self._told.ego == "unknown":
+        if self._provenance.ego == "unknown":
             return ()
         newest = bisect_right(self._states.stamps_ns, now_ns) - 1
         if newest < 0:

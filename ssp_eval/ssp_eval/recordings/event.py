@@ -152,14 +152,14 @@ class EventRules:
         thresholds: of the conflict, s; an interval of K* counts with its middle.
         observable: what makes the manoeuvre observable; None: it isn't stated.
         window: of the source's crop; None: it is unknown.
-        said_by: whose rules these are, for people.
+        origin: whose rules these are, for people.
         vut_turn: the side to which the VUT means to turn at a junction; None: it doesn't.
     """
 
     thresholds: ConflictThresholds
     observable: Observable | None
     window: Window | None
-    said_by: str
+    origin: str
     vut_turn: TurnWord | None = None
 
     @property

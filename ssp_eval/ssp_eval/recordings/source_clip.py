@@ -206,7 +206,7 @@ def _keep_clear(event: Event, series: Series) -> None:
                     )
 
 
-def bound_event(event: Event, board: Storyboard, phases: ClipPhases, sha256: str) -> Event:
+def bind_event(event: Event, board: Storyboard, phases: ClipPhases, sha256: str) -> Event:
     """Return the event as this clip shows it: source, parts T and E, and the seals that held."""
     sealed_paths = {
         path for path, seal in seals(event).items() if event.uncertainty[path].seal == seal
@@ -318,7 +318,7 @@ def clip_command(
     for file in (video, bound_path):
         if file.exists() and not force:
             raise InputError("exists already", file=file, remedy="another --out, or --force")
-    failures = check_event(bound_event(k_star, board, phases, f"sha256:{'0' * 64}"))
+    failures = check_event(bind_event(k_star, board, phases, f"sha256:{'0' * 64}"))
     if failures:
         raise EventRefused(path, failures)
     with (
@@ -327,7 +327,7 @@ def clip_command(
     ):
         task = bar.task_ids[0]
         clip.write_clip(board, scratch / video.name, lambda: bar.advance(task))
-        bound = bound_event(k_star, board, phases, sha256_file(scratch / video.name))
+        bound = bind_event(k_star, board, phases, sha256_file(scratch / video.name))
         write_event(scratch / bound_path.name, bound)
     append_records(log_path(bound_path), [_record(bound, board, version)])
     click.echo(console.visible(f"{video}\n{clip.truth_path(video)}\n{bound_path}"))

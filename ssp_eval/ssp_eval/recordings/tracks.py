@@ -238,18 +238,18 @@ def _fits(a: _Pair, b: _Pair, lag_s: float) -> Iterator[SameDrive]:
     last_s = min(b.end_s, a.end_s - _MARGIN_S - lag_s)
     if last_s - first_s < SAME_MOTION_S - _SLACK_S:
         return
-    whole = _laid(a, b, (first_s, last_s), lag_s)
+    whole = _overlay(a, b, (first_s, last_s), lag_s)
     if whole is not None:
         yield whole
         if whole.rms_m < SAME_RMS_M:
             return
     for start_s in np.arange(first_s, last_s - _STRETCH_S, _STRIDE_S):
-        part = _laid(a, b, (start_s, start_s + _STRETCH_S), lag_s)
+        part = _overlay(a, b, (start_s, start_s + _STRETCH_S), lag_s)
         if part is not None:
             yield part
 
 
-def _laid(a: _Pair, b: _Pair, span_s: tuple[float, float], lag_s: float) -> SameDrive | None:
+def _overlay(a: _Pair, b: _Pair, span_s: tuple[float, float], lag_s: float) -> SameDrive | None:
     """Return a stretch of b laid on a; None where too little moves in it."""
     from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]  # as slow to import
 
@@ -260,19 +260,19 @@ def _laid(a: _Pair, b: _Pair, span_s: tuple[float, float], lag_s: float) -> Same
         return None
     places = np.concatenate([track.places_m for track in theirs])
 
-    def laid(shift_s: float) -> tuple[float, float, bool]:
+    def fit(shift_s: float) -> tuple[float, float, bool]:
         ours = [a.place_m(k, track.times_s + shift_s) for k, track in enumerate(theirs)]
         return _rigid(np.concatenate(ours), places)
 
     def rms_m(shift_s: float) -> float:
-        return laid(shift_s)[0]
+        return fit(shift_s)[0]
 
     # Of noisy positions only the right shift makes the noise the same.
     near_s = min(lag_s + _SCAN_S * np.arange(-_SCANNED, _SCANNED + 1), key=rms_m)
     bounds = near_s - _SCAN_S, near_s + _SCAN_S
     optimum = minimize_scalar(rms_m, bounds=bounds, method="bounded", options={"xatol": 1e-5})
     shift_s = float(optimum.x)
-    return SameDrive(*laid(shift_s), shift_s=-shift_s, length_s=span_s[1] - span_s[0])
+    return SameDrive(*fit(shift_s), shift_s=-shift_s, length_s=span_s[1] - span_s[0])
 
 
 def _shape_m(tracks: Iterable[Track]) -> float:

@@ -101,7 +101,7 @@ class Walks:
 
     def __init__(self, cell: CellData) -> None:
         self._cell = cell
-        self._asked_for = cell.requests
+        self._request_facts = cell.requests
         self._place = f"{CELLS}/{cell.id}"
         self._records = _lines(cell.folder / RECORDS_FILE)
         self._requests = _lines(cell.folder / REQUESTS_FILE)
@@ -124,7 +124,7 @@ class Walks:
         else:
             line = self._records[judgement.record]
             yield self._line("evidence", RECORDS_FILE, line)
-        yield from self._asked(index, judgement)
+        yield from self._question_steps(index, judgement)
         yield WalkStep("recording", hashes.get("bag") or "", says=facts.clip.origin)
         # Sessions carry what they were made from; an imported video was made from nothing of ours.
         says = _ATTACHED if facts.clip.verdict is not None else ""
@@ -132,9 +132,9 @@ class Walks:
             yield WalkStep("compiled task", facts.task_version, says=says)
         yield WalkStep("K*", facts.event_version, says=says or "as declared for this video")
 
-    def _asked(self, index: int, judgement: Judgement) -> Iterator[WalkStep]:
+    def _question_steps(self, index: int, judgement: Judgement) -> Iterator[WalkStep]:
         """Yield the raw output, request and frames: of the request that the record came from."""
-        requests = self._asked_for
+        requests = self._request_facts
         if judgement.record is not None:
             at = (k for k, r in enumerate(requests) if r.get("t_s") == judgement.record_t_s)
             index = next(at, index)

@@ -46,7 +46,7 @@ CHOICES = (*GROUPS, PHASES)
 
 
 @dataclass(frozen=True)
-class WantedFigures:
+class FigureSelection:
     """The figures that were asked for.
 
     Args:
@@ -60,7 +60,7 @@ class WantedFigures:
 
 
 def draw_figures(
-    selection: WantedFigures,
+    selection: FigureSelection,
     rows: Sequence[CellRow],
     campaign: Path | None = None,
     cells: Sequence[CellData] = (),
@@ -124,7 +124,7 @@ def _take(*folders: Path | None) -> None:
 
 
 @dataclass(frozen=True)
-class _WantedFiles:
+class _FileSelection:
     """The files that are to be written beside the page."""
 
     folder: Path
@@ -248,9 +248,9 @@ def report(
     options = Options(resamples, seed, block)
     if only and figures is None:
         raise click.UsageError("--only needs --figures DIR")
-    if tables is None and (from_cells is None or out is None) and _is_given("formats"):
+    if tables is None and (from_cells is None or out is None) and _is_on_command_line("formats"):
         raise click.UsageError("--format needs --tables DIR, or --out DIR with --from-cells")
-    figure_selection = None if figures is None else WantedFigures(figures, reference, only)
+    figure_selection = None if figures is None else FigureSelection(figures, reference, only)
     if from_cells is not None:
         if out_dir is not None or repeats:
             raise click.UsageError("--from-cells stands alone: give no campaign beside it")
@@ -263,7 +263,7 @@ def report(
             rows,
             out,
             figure_selection,
-            lambda folder: _WantedFiles(
+            lambda folder: _FileSelection(
                 tables or folder / TABLES, formats, reference, options, expected
             ),
         )
@@ -273,7 +273,7 @@ def report(
         return _report_loop(out_dir, tables, formats, open_loop, is_plain=is_plain)
     if open_loop:
         raise click.UsageError("--open-loop goes with a campaign of `ssp loop`")
-    _check_wanted(tables is not None or figure_selection is not None, reference, repeats)
+    _check_outputs(tables is not None or figure_selection is not None, reference, repeats)
     _take(out_dir if out_dir.is_dir() else None, tables, figures)
     changed: dict[Path, str] = {}
 
@@ -292,14 +292,14 @@ def report(
             draw_figures(figure_selection, figure_rows, out_dir, data[: len(cell_files(out_dir))])
         repeated = answers_in(data[len(cell_files(out_dir)) :])
         if tables is not None:
-            file_selection = _WantedFiles(tables, formats, reference, options, expected)
+            file_selection = _FileSelection(tables, formats, reference, options, expected)
             audits = named_audits((out_dir, *repeats), (cell.facts for cell in data))
             audit_tables = [label_table(data, audits)]
             if (responses := response_table(audits)) is not None:
                 audit_tables.append(responses)
             analysis = _analyse(rows, data, file_selection, tables, audit_tables, constants)
         elif len(data) <= MOST_ANALYSED:
-            analysis = _shown_statistics(rows, data, options, constants)
+            analysis = _statistics_with_progress(rows, data, options, constants)
         # A page is made of one cell after the other; it needs its memory more than a second read.
         del data, rows
     with console.progress("report", None) as bar:
@@ -368,7 +368,7 @@ def _report_loop(
     return 0
 
 
-def _check_wanted(is_wanted: bool, reference: str | None, repeats: tuple[Path, ...]) -> None:
+def _check_outputs(is_wanted: bool, reference: str | None, repeats: tuple[Path, ...]) -> None:
     if not is_wanted and (reference is not None or repeats):
         raise click.UsageError("--reference and --repeat need --tables DIR or --figures DIR")
 
@@ -376,8 +376,8 @@ def _check_wanted(is_wanted: bool, reference: str | None, repeats: tuple[Path, .
 def _report_cells(
     rows: Sequence[CellRow],
     out: Path | None,
-    figure_selection: WantedFigures | None,
-    selection_of: Callable[[Path], _WantedFiles],
+    figure_selection: FigureSelection | None,
+    selection_of: Callable[[Path], _FileSelection],
 ) -> int:
     """Draw figures and write tables of component scores; returns the exit status."""
     if figure_selection is not None:
@@ -406,7 +406,7 @@ def _check_cells_options(
     """
     if block is not None:
         raise click.UsageError("--block is of labels, of which --from-cells knows nothing")
-    if out is None and (_is_given("resamples") or _is_given("seed")):
+    if out is None and (_is_on_command_line("resamples") or _is_on_command_line("seed")):
         raise click.UsageError("--resamples and --seed need --out DIR: figures draw nothing")
     if out is None and expected:
         raise click.UsageError("--expect needs --out DIR: figures name no scenario")
@@ -416,7 +416,7 @@ def _check_cells_options(
         raise click.UsageError("--from-cells needs --out DIR, or --figures DIR alone")
 
 
-def _is_given(option: str) -> bool:
+def _is_on_command_line(option: str) -> bool:
     """Return True where an option that has a default stands on the command line."""
     source = click.get_current_context().get_parameter_source(option)
     return source is ParameterSource.COMMANDLINE
@@ -438,7 +438,7 @@ def _read(
         return runs_of(folders, advance_over)
 
 
-def _shown_statistics(
+def _statistics_with_progress(
     rows: Sequence[CellRow],
     data: Sequence[CellData],
     options: Options,
@@ -451,7 +451,7 @@ def _shown_statistics(
 def _analyse(
     rows: Sequence[CellRow],
     data: Sequence[CellData],
-    selection: _WantedFiles,
+    selection: _FileSelection,
     statistics: Path,
     of_audits: Sequence[Table] = (),
     constants: Sequence[OfScenario] = (),
@@ -468,7 +468,7 @@ def _analyse(
     moved = moved_by(data)
     plain += [] if moved is None else moved_tables(moved)
     statistics_tables = with_notices(
-        _shown_statistics(rows, data, selection.options, constants), everywhere(notice_list)
+        _statistics_with_progress(rows, data, selection.options, constants), everywhere(notice_list)
     )
     plain = with_notices(plain, everywhere(notice_list))
     tables = [*plain, *statistics_tables]

@@ -12,10 +12,10 @@ import jinja2
 from ssp_core.files.folders import make_folder
 from ssp_core.files.writing import write_text
 from ssp_core.hashing import sha256_file
-from ssp_eval.causes.answers import CellAnswers, asked, wanted_cells
+from ssp_eval.causes.answers import CellAnswers, answers_of_cell, comparable_cells
 from ssp_eval.causes.findings import answers_in, compared
 from ssp_eval.data.audit import PAGE_FILE as AUDIT_PAGE
-from ssp_eval.evaluate.store.admission import kept_audits
+from ssp_eval.evaluate.store.admission import audit_files
 from ssp_eval.evaluate.store.cell_file import frame_path
 from ssp_eval.evaluate.store.results import (
     CellData,
@@ -146,13 +146,13 @@ def _write_large(
     cell_audits = named_audits([out], (load_facts(file) for file in files))
     details = DetailFiles(out, environment(), audits)
     counter = count(1)
-    cell_ids = wanted_cells(file.parent.name for file in files)
+    cell_ids = comparable_cells(file.parent.name for file in files)
     changed: list[CellAnswers] = []
 
     def write(cell: CellData) -> None:
         details.write(cell)
         on_cell(cell)
-        if cell.id in cell_ids and (one := asked(cell)) is not None:
+        if cell.id in cell_ids and (one := answers_of_cell(cell)) is not None:
             changed.append(one)
         on_step(next(counter), len(files))
 
@@ -172,7 +172,7 @@ def audit_pages(out: Path, cells: Iterable[CellFacts]) -> dict[str, str]:
     """
     pages = {}
     digests = dict.fromkeys(cell.admission.audit_sha256 for cell in cells)
-    there = {digest: file.with_name(AUDIT_PAGE) for digest, file in kept_audits(out).items()}
+    there = {digest: file.with_name(AUDIT_PAGE) for digest, file in audit_files(out).items()}
     for digest in digests:
         if digest is not None and digest in there and there[digest].is_file():
             pages[digest] = there[digest].relative_to(out).as_posix()

@@ -23,7 +23,7 @@ from ssp_eval.data.audit import Audit
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.clients.models import BEST_CONSTANT, BLIND, condition_of
 from ssp_eval.evaluate.store.admission import UNAUDITED, UNPAIRED
-from ssp_eval.evaluate.store.results import CellData, KeptAudits, read_cells
+from ssp_eval.evaluate.store.results import AuditCache, CellData, read_cells
 from ssp_eval.pages import number, style
 from ssp_eval.report.cell_view import RecordView, tolerated
 from ssp_eval.score.aggregate import Mean
@@ -265,10 +265,10 @@ def load_lightly(
         InputError: a file is damaged.
     """
     cells = []
-    audits = KeptAudits(files[0].parents[2])
+    audits = AuditCache(files[0].parents[2])
     for cell in read_cells(files, audits):
         on_cell(cell)
-        cells.append(replace(cell, records=(), asked=()))
+        cells.append(replace(cell, records=(), request_lines=()))
     return cells
 
 

@@ -70,7 +70,7 @@ def grid(table: Table, links: Sequence[str] = ()) -> Grid:
         rows.append(
             tuple(
                 Field(
-                    _spoken(column, row_fields[place].text),
+                    _cell_text(column, row_fields[place].text),
                     "" if row_fields[place].n is None else f"n={row_fields[place].n}",
                     _look(column) or ("words" if len(row_fields[place].text) > _LONG else ""),
                     _share(column, row[place], total),
@@ -88,7 +88,7 @@ def _is_empty(table: Table, place: int) -> bool:
     return is_text and bool(table.rows) and not any(row[place] for row in table.rows)
 
 
-def _spoken(column: Column, text: str) -> str:
+def _cell_text(column: Column, text: str) -> str:
     """Return names of scenarios as words, a count of none as a dot."""
     if column.key in STAGE_NAMES or column.key == NONE:
         return "·" if text == "0" else text

@@ -12,7 +12,7 @@ from pathlib import Path
 from ssp_core.errors import InputError
 from ssp_eval.data.audit import Audit, load_audit
 from ssp_eval.data.response import PairEntry
-from ssp_eval.evaluate.store.admission import kept_audits
+from ssp_eval.evaluate.store.admission import audit_files
 from ssp_eval.evaluate.store.results import CellFacts
 from ssp_eval.statistics.table import Column, Table, Value
 
@@ -43,7 +43,7 @@ def named_audits(folders: Sequence[Path], cells: Iterable[CellFacts]) -> list[Au
 
     One that can't be read is left out: its cells say so.
     """
-    files = {digest: file for folder in folders for digest, file in kept_audits(folder).items()}
+    files = {digest: file for folder in folders for digest, file in audit_files(folder).items()}
     audits = []
     for digest in dict.fromkeys(cell.admission.audit_sha256 for cell in cells):
         if digest is not None and digest in files:

@@ -24,13 +24,13 @@ class PairOrder:
 
     Args:
         first, second: the one that is ahead stands first; equal ones stand by name.
-        tied: they are equal under the defined weights; held is then the share of equal ones.
+        tied: they are equal under the defined weights; share is then that of equal ones.
     """
 
     first: str
     second: str
     tied: bool
-    held: float
+    share: float
 
 
 @dataclass(frozen=True)

@@ -418,7 +418,7 @@ def _powerless(comparisons: Iterable[Comparison]) -> list[str]:
 
 def _weights(samples: WeightSamples) -> list[Table]:
     pairs = tuple(
-        (one.first, one.second, "yes" if one.tied else "", one.held) for one in samples.pairs
+        (one.first, one.second, "yes" if one.tied else "", one.share) for one in samples.pairs
     )
     firsts = tuple(sorted(samples.first.items(), key=lambda one: (-one[1], one[0])))
     tau = (

@@ -138,12 +138,12 @@ def fields(table: Table, row: Sequence[Value]) -> list[CellText]:
         None,
     )
     return [
-        CellText(shown(c, v), v.n if isinstance(v, Mean) and v.n not in (usual, 0) else None)
+        CellText(format_value(c, v), v.n if isinstance(v, Mean) and v.n not in (usual, 0) else None)
         for c, v in zip(table.columns, row, strict=True)
     ]
 
 
-def shown(column: Column, value: Value) -> str:
+def format_value(column: Column, value: Value) -> str:
     """Return a value as people read it (METHOD 6.11).
 
     Args:
@@ -151,7 +151,7 @@ def shown(column: Column, value: Value) -> str:
         value: unrounded; of a mean its n is left out.
     """
     if isinstance(value, Mean):
-        return shown(column, value.value)
+        return format_value(column, value.value)
     if isinstance(value, Outcome):
         if value.rsr is None:
             return NULL

@@ -114,8 +114,8 @@ class _Frames:
         self._factual, self._edits = factual, edits
         self._drawing = [edit for edit in edits if edit.draws]
         worlds = [World(factual, None), *(edit.world for edit in self._drawing)]
-        self._drawn = draw(factual, worlds) if self._drawing else None
-        self._kept: dict[int, list[Picture]] = {}
+        self._drawings = draw(factual, worlds) if self._drawing else None
+        self._pictures: dict[int, list[Picture]] = {}
 
     def of(self, message: BagMessage) -> list[Picture | None]:
         """Return the pictures of a recorded frame, one for each edit.
@@ -123,18 +123,18 @@ class _Frames:
         Raises:
             InputError: the factual one drawn anew hasn't the recorded bytes.
         """
-        if self._drawn is None:
+        if self._drawings is None:
             return [None] * len(self._edits)
         stamp_ns = peek_stamp_ns(message.data)
-        while stamp_ns not in self._kept:
-            drawing = next(self._drawn, None)
+        while stamp_ns not in self._pictures:
+            drawing = next(self._drawings, None)
             if drawing is None:
                 raise self._unlike(stamp_ns, "there is no step of the world for it")
             # What was drawn and not asked for isn't asked for later: frames come in order.
-            self._kept = {drawing[0]: drawing[1]}
+            self._pictures = {drawing[0]: drawing[1]}
         # Each message: while the world holds, the same frame comes repeatedly.
-        self._take(message, stamp_ns, self._kept[stamp_ns])
-        pictures = iter(self._kept[stamp_ns][1:])
+        self._take(message, stamp_ns, self._pictures[stamp_ns])
+        pictures = iter(self._pictures[stamp_ns][1:])
         return [next(pictures) if edit.draws else None for edit in self._edits]
 
     def _take(self, message: BagMessage, stamp_ns: int, pictures: list[Picture]) -> None:
@@ -157,7 +157,7 @@ class _Frames:
 
     def close(self) -> None:
         """End the drawing."""
-        self._kept = {}
+        self._pictures = {}
 
 
 class _Edit:

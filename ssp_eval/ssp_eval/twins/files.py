@@ -115,7 +115,7 @@ def finished_twin(bag: Path, name: str, of_sha256: str) -> TwinRecord | None:
         name: of the twin.
         of_sha256: hash of the recording.
     """
-    record = _told_twin(bag, name, of_sha256)
+    record = _read_twin_record(bag, name, of_sha256)
     if record is None:
         return None
     try:
@@ -125,7 +125,7 @@ def finished_twin(bag: Path, name: str, of_sha256: str) -> TwinRecord | None:
         return None
 
 
-def _told_twin(bag: Path, name: str, of_sha256: str) -> TwinRecord | None:
+def _read_twin_record(bag: Path, name: str, of_sha256: str) -> TwinRecord | None:
     """Read ``twin.json`` of a recording's twin, whatever its bag holds by now."""
     try:
         record = load_model(TwinRecord, twins_folder(bag) / name / TWIN_FILE)
@@ -144,7 +144,7 @@ def write_set(bag: Path, of: str, of_sha256: str) -> TwinSet:
     """
     folder = twins_folder(bag)
     names = sorted(file.parent.name for file in folder.glob(f"*/{TWIN_FILE}"))
-    records = [_told_twin(bag, name, of_sha256) for name in names]
+    records = [_read_twin_record(bag, name, of_sha256) for name in names]
     twin_set = TwinSet(
         of=of, of_sha256=of_sha256, twins=[record for record in records if record is not None]
     )

@@ -113,7 +113,7 @@ def read_factual(bag: BagReader) -> Factual:
             remedy="give a run of `ssp run`; of any recording the pictures alone can be changed, "
             "with `ssp evaluate --pictures`",
         )
-    if run.camera.renderer != "raster" or facts.drawn is not None:
+    if run.camera.renderer != "raster" or facts.redrawing is not None:
         raise InputError(
             "was drawn by CARLA, which promises no equal pixels: a twin would differ everywhere",
             file=bag.path,

@@ -142,8 +142,8 @@ def test_the_compiler_plays_the_event_at_the_source_place_and_another_event_is_n
     assert judged.epd < 0.1
     other = judge_trial(load("lead_braking"), run.road, {}, trial)
     assert not other.admitted
-    assert not other.kept["dominant_motion"]
-    assert not other.kept["participant_roles"]
+    assert not other.retention["dominant_motion"]
+    assert not other.retention["participant_roles"]
     narrow = event.model_dump(mode="json", by_alias=True)
     narrow["constraints"]["time_gap"] = {"min": 5.0, "max": 6.0, "unit": "s"}
     missed = judge_trial(Event.model_validate(narrow), run.road, {}, trial)

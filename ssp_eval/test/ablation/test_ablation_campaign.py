@@ -291,7 +291,7 @@ def test_a_row_is_read_as_it_was_written(tmp_path: Path) -> None:
         csv.writer(stream).writerow(row("a", "tracks", 3, kpr=0.8))
     with file.open(newline="") as stream:
         one = read_realisation(next(csv.reader(stream)))
-    assert one.judged is not None
-    assert one.judged.kpr == 0.8
-    assert [name for name in FIELDS if not one.judged.kept[name]] == ["passing_order"]
-    assert not one.judged.admitted
+    assert one.judgement is not None
+    assert one.judgement.kpr == 0.8
+    assert [name for name in FIELDS if not one.judgement.retention[name]] == ["passing_order"]
+    assert not one.judgement.admitted

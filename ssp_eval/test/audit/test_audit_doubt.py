@@ -47,7 +47,7 @@ def codes(one: Examination) -> set[str]:
 
 
 @pytest.fixture
-def seen(recording: Recording, tmp_path: Path) -> Callable[..., Recording]:
+def with_observation(recording: Recording, tmp_path: Path) -> Callable[..., Recording]:
     """The recording with what a person saw of it: just that, but for one answer."""
 
     def make(path: str = "who", value: Any = "Ada Vance") -> Recording:
@@ -65,10 +65,10 @@ def seen(recording: Recording, tmp_path: Path) -> Callable[..., Recording]:
 
 
 def test_what_is_seen_alike_is_admitted(
-    recording: Recording, seen: Callable[..., Recording]
+    recording: Recording, with_observation: Callable[..., Recording]
 ) -> None:
     assert codes(look(recording)) == set()
-    assert codes(look(seen())) == set()
+    assert codes(look(with_observation())) == set()
 
 
 @pytest.mark.parametrize(
@@ -82,22 +82,22 @@ def test_what_is_seen_alike_is_admitted(
     ],
 )
 def test_what_a_person_saw_happen_counts_beside_our_own_log_and_camera(
-    path: str, value: Any, code: str, seen: Callable[..., Recording]
+    path: str, value: Any, code: str, with_observation: Callable[..., Recording]
 ) -> None:
-    assert codes(look(seen(path, value))) == {code}
+    assert codes(look(with_observation(path, value))) == {code}
 
 
 def test_a_camera_that_somebody_guessed_shows_nothing(
-    recording: Recording, seen: Callable[..., Recording]
+    recording: Recording, with_observation: Callable[..., Recording]
 ) -> None:
     guessed = replace(recording.provenance, camera="assumed")
     assert codes(look(replace(recording, provenance=guessed))) == {"coverage_unknown"}
-    one = look(replace(seen(), provenance=guessed))
+    one = look(replace(with_observation(), provenance=guessed))
     assert (codes(one), one.coverage.source) == (set(), "observed")
 
 
 def test_the_doubt_of_the_k_stars_times_is_not_that_of_what_a_person_saw(
-    seen: Callable[..., Recording],
+    with_observation: Callable[..., Recording],
 ) -> None:
     start = EVENT.events.trigger.start
     assert start != "unresolved"
@@ -105,19 +105,19 @@ def test_the_doubt_of_the_k_stars_times_is_not_that_of_what_a_person_saw(
         update={"start": start.model_copy(update={"min": 2.8, "max": 3.3})}
     )
     wide = EVENT.model_copy(update={"events": EVENT.events.model_copy(update={"trigger": trigger})})
-    one = examine(replace(seen(), series=[]), wide, VERSION)
+    one = examine(replace(with_observation(), series=[]), wide, VERSION)
     assert one.phases_source == "observed"
     assert one.phi_half == {}
 
 
 def test_states_without_a_road_and_an_observation_complete_each_other(
-    seen: Callable[..., Recording], monkeypatch: pytest.MonkeyPatch
+    with_observation: Callable[..., Recording], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def bare(_: Recording) -> RoadFacts | None:
         return None
 
     monkeypatch.setattr(Recording, "road", property(bare))
-    one = look(seen())
+    one = look(with_observation())
     assert codes(one) == set()
     assert one.values[TOPOLOGY].source == "observed"
     assert one.properties[ROLES].words is not None
@@ -185,7 +185,7 @@ def test_a_field_that_may_vary_refuses_nothing() -> None:
 
 
 def test_an_honest_observer_of_states_is_told_and_admitted(
-    recording: Recording, seen: Callable[..., Recording]
+    recording: Recording, with_observation: Callable[..., Recording]
 ) -> None:
     """The conflict half a second later than predicted, and a verge where the site has a kerb."""
     phases = look(recording).phases
@@ -195,7 +195,7 @@ def test_an_honest_observer_of_states_is_told_and_admitted(
         ("phases.conflict.t_s", phases.conflict_s + 0.6),
         ("topology.right_boundary", "verge"),
     ):
-        one = look(seen(path, value))
+        one = look(with_observation(path, value))
         assert codes(one) == set()
         assert len([text for text in one.contradictions if "Ada Vance says" in text]) == 1
     for path, value in (
@@ -203,7 +203,7 @@ def test_an_honest_observer_of_states_is_told_and_admitted(
         ("dominant_motion.value", "crossing_from_left"),
         ("phases.trigger.t_s", 0.5),
     ):
-        assert "observation_differs" in codes(look(seen(path, value)))
+        assert "observation_differs" in codes(look(with_observation(path, value)))
 
 
 def test_video_that_goes_on_without_states_locates_no_phase(recording: Recording) -> None:

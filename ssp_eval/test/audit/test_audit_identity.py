@@ -12,7 +12,7 @@ from ssp_eval.recordings.states import WORLD, Sighting
 END_S = 10.0
 
 
-def seen(*, reported: bool = True) -> list[Sighting]:
+def make_sightings(*, reported: bool = True) -> list[Sighting]:
     """A VUT and two OTs at 10 m/s, 30 m apart, in the world and in their own states."""
     found = []
     for k in range(round(END_S * 50) + 1):
@@ -33,19 +33,20 @@ def texts(found: list[Sighting], traffic: tuple[str, ...] = ()) -> list[str]:
 
 
 def test_nothing_is_found_where_nothing_is() -> None:
-    assert texts(seen()) == []
-    assert texts(seen(reported=False)) == []
+    assert texts(make_sightings()) == []
+    assert texts(make_sightings(reported=False)) == []
 
 
 def test_lost_states_and_traffic_that_comes_and_goes_are_none() -> None:
-    found = [s for s in seen() if s.source == WORLD or not 4.0 < s.t_s < 4.4]
+    found = [s for s in make_sightings() if s.source == WORLD or not 4.0 < s.t_s < 4.4]
     car = Sighting(5.0, WORLD, "t1", "car", 300.0, 3.5, 12.0)
     assert texts([*found, car], traffic=("t1",)) == []
 
 
 def test_another_name_in_its_own_states() -> None:
     found = [
-        replace(s, object_id="ot7") if s.source == "ot1" and s.t_s >= 6.0 else s for s in seen()
+        replace(s, object_id="ot7") if s.source == "ot1" and s.t_s >= 6.0 else s
+        for s in make_sightings()
     ]
     assert texts(found) == [
         "the states of ot1 say ot7 from 6.02 s on",
@@ -56,26 +57,28 @@ def test_another_name_in_its_own_states() -> None:
 def test_another_class() -> None:
     found = [
         replace(s, object_class="pedestrian") if s.object_id == "ot1" and s.t_s > 3.0 else s
-        for s in seen()
+        for s in make_sightings()
     ]
     assert texts(found) == ["ot1 is a car until 3.00 s, then a pedestrian"]
-    own = [replace(s, object_class="bus") if s.source == "ot2" else s for s in seen()]
+    own = [replace(s, object_class="bus") if s.source == "ot2" else s for s in make_sightings()]
     assert texts(own) == ["ot2 is a bus in its own states and a truck in the world"]
 
 
 def test_vanishing_and_appearing() -> None:
-    gone = [s for s in seen(reported=False) if s.object_id != "ot1" or not 4.0 < s.t_s < 5.0]
+    gone = [
+        s for s in make_sightings(reported=False) if s.object_id != "ot1" or not 4.0 < s.t_s < 5.0
+    ]
     assert texts(gone) == ["ot1 is gone from 4.00 to 5.00 s"]
-    late = [s for s in seen(reported=False) if s.object_id != "ot1" or s.t_s > 2.0]
+    late = [s for s in make_sightings(reported=False) if s.object_id != "ot1" or s.t_s > 2.0]
     assert texts(late) == ["ot1 is gone from 0.00 to 2.02 s"]
     stranger = Sighting(7.0, WORLD, "ghost", "car", 0.0, 0.0, 0.0)
-    assert texts([*seen(), stranger]) == ["ghost, an unknown id, appears at 7.00 s"]
+    assert texts([*make_sightings(), stranger]) == ["ghost, an unknown id, appears at 7.00 s"]
 
 
 def test_a_jump() -> None:
     found = [
         replace(s, x_m=s.x_m + 8.0) if s.object_id == "ot1" and s.t_s >= 6.0 else s
-        for s in seen(reported=False)
+        for s in make_sightings(reported=False)
     ]
     assert texts(found) == ["ot1 jumps by 8.2 m at 6.00 s"]
 
@@ -86,13 +89,13 @@ def test_two_that_are_exchanged() -> None:
         replace(s, object_id=other.get(s.object_id, s.object_id), object_class="car")
         if s.t_s >= 6.0
         else replace(s, object_class="car")
-        for s in seen(reported=False)
+        for s in make_sightings(reported=False)
     ]
     assert texts(found)[0] == "ot1 and ot2 are exchanged at 6.00 s"
 
 
 def test_two_senders_under_one_id() -> None:
-    found = seen()
+    found = make_sightings()
     index = next(i for i, s in enumerate(found) if s.source == "ot1" and s.t_s > 5.0)
     found.insert(index + 1, replace(found[index], sequence=3))
     (text,) = texts(found)
@@ -101,5 +104,7 @@ def test_two_senders_under_one_id() -> None:
 
 @pytest.mark.parametrize("step_m", [0.5, 1.0])
 def test_noise_is_no_jump(step_m: float) -> None:
-    noisy = [replace(s, y_m=s.y_m + (step_m if i % 2 else 0.0)) for i, s in enumerate(seen())]
+    noisy = [
+        replace(s, y_m=s.y_m + (step_m if i % 2 else 0.0)) for i, s in enumerate(make_sightings())
+    ]
     assert texts(noisy) == []

@@ -84,7 +84,7 @@ def videos(event: Event, tmp_path: Path) -> dict[str, Path]:
     return found
 
 
-def seen(**changes: Any) -> dict[str, Any]:
+def observation_content(**changes: Any) -> dict[str, Any]:
     """Return the observation of a person who saw K*'s event, with changes at the named fields."""
     content = answers()
     content["topology"] |= {"lanes_opposite": 2}
@@ -98,7 +98,9 @@ def seen(**changes: Any) -> dict[str, Any]:
 
 def look(run: Path, who: str = "Ada Vance", **changes: Any) -> Path:
     name = who.split()[0].lower()
-    return seal(run / "bag", run / f"observation_{name}.json", seen(who=who, **changes))
+    return seal(
+        run / "bag", run / f"observation_{name}.json", observation_content(who=who, **changes)
+    )
 
 
 def audited(videos: dict[str, Path], event: Event) -> list[RecordingEntry]:
@@ -182,7 +184,7 @@ def test_a_draft_or_a_changed_file_beside_the_bag_is_an_error(videos: dict[str, 
     write_json(
         videos["physical"] / "observation_bo.json",
         {
-            **seen(),
+            **observation_content(),
             "who": "Bo Ek",
             "when": "2026-03-02T10:00:00Z",
             "recording": "physical",

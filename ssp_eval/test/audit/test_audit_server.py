@@ -177,7 +177,7 @@ def test_each_body_is_disclosed_with_its_box_and_what_it_is_taken_for(facts: Pro
 def test_what_stands_beside_the_road_and_is_not_in_the_pictures_is_disclosed(
     facts: Provenance,
 ) -> None:
-    def told(scenery: list[Any]) -> str:
+    def scenery_text(scenery: list[Any]) -> str:
         assert facts.run is not None
         road = facts.run.road.model_copy(update={"scenery": scenery})
         run = facts.run.model_copy(update={"road": road})
@@ -186,9 +186,9 @@ def test_what_stands_beside_the_road_and_is_not_in_the_pictures_is_disclosed(
 
     sign = Sign(type="sign", s_m=10.0, l_m=-5.0, kind="stop")
     house = Building(type="building", s_m=50.0, l_m=20.0, length_m=10.0, width_m=8.0, height_m=6.0)
-    assert told([]) == "its map's own"
+    assert scenery_text([]) == "its map's own"
     beside = "its map's own; of the run's road it has no actors for 2 × building, 1 × sign"
-    assert told([house, sign, house]) == beside
+    assert scenery_text([house, sign, house]) == beside
 
 
 def test_a_probe_is_found_beside_the_bag(tmp_path: Path) -> None:
@@ -220,7 +220,7 @@ def test_an_audit_refuses_what_a_counterpart_drew_and_two_bags_of_one_drive(
         left_out=0,
         software="ssp",
     )
-    recordings[2] = replace(physical, provenance=replace(physical.provenance, drawn=drawn))
+    recordings[2] = replace(physical, provenance=replace(physical.provenance, redrawing=drawn))
 
     def codes() -> list[set[str]]:
         entries = judge(recordings, load_event("cut_in")[0]).audit.recordings

@@ -82,7 +82,7 @@ def changed(scene: Scene, change: dict[str, dict[str, object] | None]) -> Scene:
     return replace(scene, series=[(t_s, states(now)) for t_s, now in scene.series])
 
 
-def kept(event: Event, found: Measurements) -> tuple[float, dict[str, str]]:
+def retention_of(event: Event, found: Measurements) -> tuple[float, dict[str, str]]:
     """KPR against K*, and what differs in the roles, by code."""
     varying = varying_parts(event)
     mine = {k: q.without(varying) for k, q in found.properties.items()}
@@ -102,7 +102,7 @@ def kept(event: Event, found: Measurements) -> tuple[float, dict[str, str]]:
 def test_presence_class_and_place_of_each_are_entries_of_kpr(example: str) -> None:
     event, scene = recorded(example)
     found = measure(scene)
-    assert kept(event, found) == (1.0, {})
+    assert retention_of(event, found) == (1.0, {})
     assert (found.initiator, found.affected, found.intrusions) == ("ot1", "vut", ())
     words = found.properties[ROLES].words or {}
     for name in further_ids(event):
@@ -135,7 +135,7 @@ NEGATIVES = {
 def test_another_further_participant_is_refused_with_what_differs(what: str) -> None:
     change, code, detail = NEGATIVES[what]
     event, scene = recorded(CUT_IN)
-    retention, differing = kept(event, measure(changed(scene, change)))
+    retention, differing = retention_of(event, measure(changed(scene, change)))
     assert retention < 1.0
     assert detail in differing[code]
 
@@ -257,7 +257,7 @@ def test_a_car_behind_a_parked_truck_is_labelled_and_counted_as_hidden() -> None
     event = behind_a_parked_truck()
     scene = as_read(event, made(event, ground("crossroads")).task.run)
     found = measure(scene)
-    assert kept(event, found) == (1.0, {})
+    assert retention_of(event, found) == (1.0, {})
     assert list(departures(event, found.courses)) == []
     assert found.intrusions == ()
     span = found.phases.critical_s

@@ -45,10 +45,10 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def event(clip: Path) -> Event:
     """The shipped K*, bound to that clip."""
-    return bound(EVENT, clip)
+    return bind(EVENT, clip)
 
 
-def bound(event: Event, clip: Path) -> Event:
+def bind(event: Event, clip: Path) -> Event:
     source = event.source.model_copy(update={"sha256": sha256_file(clip)})
     return seal_event(event.model_copy(update={"source": source}))
 
@@ -102,7 +102,7 @@ def test_the_source_clip_has_what_was_reviewed_of_it(
     assert one.phi["trigger"] == pytest.approx(TIMES["trigger"].mid / 9.0)
     assert one.coverage.participants["ot1"].fraction == 1.0
     assert one.coverage.source == "reviewed"
-    assert one.history.said_by == "the source gate of the K*"
+    assert one.history.source == "the source gate of the K*"
 
 
 @pytest.mark.parametrize(
@@ -160,7 +160,7 @@ def test_without_a_review_a_property_is_unverified(
     path: str, field: str, video: Callable[..., Recording], clip: Path
 ) -> None:
     entry = unreviewed(path).uncertainty[path]
-    event = bound(unreviewed(path), clip)
+    event = bind(unreviewed(path), clip)
     event = event.model_copy(update={"uncertainty": {**event.uncertainty, path: entry}})
     one = look(video(of=event), event)
     assert set(codes(one)) == {"unverified"}
@@ -253,7 +253,7 @@ def test_open_times_are_not_filled_in(video: Callable[..., Recording], clip: Pat
     events = EVENT.events.model_copy(
         update={"conflict": EVENT.events.conflict.model_copy(update={"start": "unresolved"})}
     )
-    event = bound(EVENT.model_copy(update={"events": events}), clip)
+    event = bind(EVENT.model_copy(update={"events": events}), clip)
     one = look(video(of=event), event)
     assert "conflict_phase" in codes(one) or "conflict_missing" in codes(one)
     assert set(one.phi) == {"trigger", "resolution"}
@@ -266,7 +266,7 @@ def test_an_interval_stays_one(video: Callable[..., Recording], clip: Path) -> N
     events = EVENT.events.model_copy(
         update={"trigger": EVENT.events.trigger.model_copy(update={"start": wide})}
     )
-    event = bound(EVENT.model_copy(update={"events": events}), clip)
+    event = bind(EVENT.model_copy(update={"events": events}), clip)
     one = look(video(of=event), event)
     assert codes(one) == {}
     assert one.phi["trigger"] == pytest.approx(3.05 / 9.0)

@@ -12,7 +12,14 @@ import numpy as np
 import pytest
 
 from ssp_core.vocabulary import ObjectClass
-from ssp_eval.causes.answers import Answer, Cause, CellAnswers, asked, cause_of, wanted_cells
+from ssp_eval.causes.answers import (
+    Answer,
+    Cause,
+    CellAnswers,
+    answers_of_cell,
+    cause_of,
+    comparable_cells,
+)
 from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict, effects_of
 from ssp_eval.causes.findings import MovedAnswers, Word, compared, moved_by
 from ssp_eval.causes.forest import forests
@@ -127,7 +134,7 @@ def test_a_text_that_was_given_back_is_no_answer() -> None:
     found = moved(ANSWERERS["decides_first"], 2, REASONED)
     assert [e.output for e in found.effects if e.cause.family == "reasoning"] == [TRAJECTORY]
     (forest,) = forests(found.effects)
-    assert (forest.rows[-1].text, forest.rows[-1].said) == (None, "given back")
+    assert (forest.rows[-1].text, forest.rows[-1].note) == (None, "given back")
 
 
 def test_an_answer_that_changes_at_anything_is_put_down_to_nothing() -> None:
@@ -140,7 +147,7 @@ def test_an_answer_that_changes_at_anything_is_put_down_to_nothing() -> None:
 def test_a_few_recordings_are_shown_and_not_tested() -> None:
     found = moved(ANSWERERS["uses_the_object"], recordings=3)
     one = effect(found, "twin.without", TRAJECTORY)
-    assert one.verdict is Verdict.SEEN
+    assert one.verdict is Verdict.UNTESTED
     assert not one.decidable
     assert one.interval.low is None
     assert not found.findings[0].tested
@@ -159,7 +166,7 @@ def test_without_a_control_an_effect_is_described_and_not_tested() -> None:
 
 def test_a_label_time_without_an_answer_is_left_out() -> None:
     cells = [*cells_of("m", ANSWERERS["uses_the_object"], 2)]
-    kept = [one for cell in cells if (one := asked(cell)) is not None]
+    kept = [one for cell in cells if (one := answers_of_cell(cell)) is not None]
     whole = compared(kept)
     gone = [
         replace(one, answers={**one.answers, 0.5: None})
@@ -182,7 +189,7 @@ def test_a_recording_that_several_campaigns_asked_about_is_one_unit() -> None:
         kept
         for folder in folders
         for cell in cells_of("m", ANSWERERS["uses_the_object"], 4, folder=folder)
-        if (kept := asked(cell)) is not None
+        if (kept := answers_of_cell(cell)) is not None
     ]
     one = next(e for e in effects_of(cells) if e.output == TRAJECTORY)
     assert (one.recordings, one.labels) == (4, 2 * 4 * LABELS)
@@ -220,8 +227,8 @@ def test_each_change_of_a_twin_is_a_cause_with_words_of_its_own() -> None:
 
 def test_of_an_ordinary_campaign_nothing_is_kept() -> None:
     names = ["s__d__m", "s__d__m+black", "s__d__other"]
-    assert wanted_cells(names) == frozenset()
-    assert wanted_cells([*names, "s__d__m+twin.mirror.ot1"]) == {
+    assert comparable_cells(names) == frozenset()
+    assert comparable_cells([*names, "s__d__m+twin.mirror.ot1"]) == {
         "s__d__m",
         "s__d__m+black",
         "s__d__m+twin.mirror.ot1",
@@ -247,7 +254,7 @@ def test_the_tables_have_every_digit_and_the_page_its_section() -> None:
     assert row["model"] == "uses_the_object"
     assert (
         float(row["p_holm"])
-        == effect(found_of(found, row["model"]), "twin.without", TRAJECTORY).p_holm
+        == effect(of_model(found, row["model"]), "twin.without", TRAJECTORY).p_holm
     )
     # Nobody here says a motion or a conflict, and who ignores the object says no position.
     assert len(tables[SLOTS].rows) == 5 * (4 + 3)
@@ -260,7 +267,7 @@ def test_the_tables_have_every_digit_and_the_page_its_section() -> None:
     assert 'id="moved"' not in render(cells, None)
 
 
-def found_of(found: MovedAnswers, model: str) -> MovedAnswers:
+def of_model(found: MovedAnswers, model: str) -> MovedAnswers:
     return replace(found, effects=tuple(e for e in found.effects if e.model == model))
 
 

@@ -375,7 +375,7 @@ def test_a_campaign_that_goes_on_is_reported_as_far_as_it_got(folder: Path) -> N
 # -- words, scores and deeds -----------------------------------------------------------------------
 
 
-def said(folder: Path, *answers: dict[str, Any]) -> None:
+def write_texts(folder: Path, *answers: dict[str, Any]) -> None:
     place = folder / "texts"
     place.mkdir()
     (place / "000008.jsonl").write_text("".join(json.dumps(one) + "\n" for one in answers))
@@ -394,7 +394,7 @@ def test_words_are_held_against_the_plan_of_the_same_answer(
     folder: Path, campaign: LoopCampaign
 ) -> None:
     one, other, third, fourth = mine_at(campaign, LATENCIES[1])
-    said(
+    write_texts(
         folder,
         {"row": one, "stamp_s": 10.1, "text": BRAKES, "speed_mps": 10.0, "slows_mps": 0.49},
         {"row": one, "stamp_s": 10.2, "text": BRAKES, "speed_mps": 10.0, "slows_mps": 3.0},
@@ -421,7 +421,7 @@ def test_words_of_drivers_with_unlike_cards_stand_in_tables_of_their_own(folder:
     groups = campaign.groups.values()
     rows = {run.row.driver: run.number for run in campaign.runs}
     kept = {"stamp_s": 10.1, "text": BRAKES, "speed_mps": 10.0, "slows_mps": 3.0}
-    said(folder, {"row": rows[MINE], **kept}, {"row": rows["aeb"], **kept})
+    write_texts(folder, {"row": rows[MINE], **kept}, {"row": rows["aeb"], **kept})
     found = {table.name: [row[0] for row in table.rows] for table in words_tables(campaign)}
     place = {name: k for k, group in enumerate(groups, 1) for name in group}
     assert found == {f"words_{place[MINE]}": [MINE], f"words_{place['aeb']}": ["aeb"]}
@@ -430,7 +430,7 @@ def test_words_of_drivers_with_unlike_cards_stand_in_tables_of_their_own(folder:
 def test_an_answers_file_that_is_none_is_refused_by_file_and_line(
     folder: Path, campaign: LoopCampaign
 ) -> None:
-    said(folder, {"row": 1, "text": BRAKES})
+    write_texts(folder, {"row": 1, "text": BRAKES})
     with pytest.raises(InputError, match=r"000008\.jsonl.*1.*speed_mps"):
         words_tables(campaign)
 

@@ -34,7 +34,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_world(tmp_path_factory.mktemp("scenes") / "run", steps=STEPS) / "bag"
 
 
-def as_drawn() -> bytes:
+def redrawing_bytes() -> bytes:
     """The identity of a drawing."""
     told = Redrawing(
         of="run-1",
@@ -49,7 +49,7 @@ def as_drawn() -> bytes:
     return told.model_dump_json(by_alias=True).encode()
 
 
-def drawn(path: Path) -> tuple[DrawableRecording, list[tuple[int, Scene]]]:
+def read_scenes(path: Path) -> tuple[DrawableRecording, list[tuple[int, Scene]]]:
     with BagReader(path) as bag:
         found = read_recorded(bag, read_provenance(bag))
         return found, list(scenes(found))
@@ -63,7 +63,7 @@ def without(path: Path, topic: str, target: Path) -> Path:
 
 
 def test_each_frame_has_the_worlds_states_of_its_stamp_once(recorded: Path) -> None:
-    found, told = drawn(recorded)
+    found, told = read_scenes(recorded)
     assert list(found.frames_ns) == FRAMES_NS == [stamp_ns for stamp_ns, _ in told]
     for stamp_ns, scene in told:
         assert {s.object_id: s.pose for s in (scene.vut, *scene.others)} == {
@@ -75,7 +75,7 @@ def test_without_a_world_it_is_what_vut_and_objects_reported(
     recorded: Path, tmp_path: Path
 ) -> None:
     """A recording on a track has only reported states; traffic, which reports none, is absent."""
-    _, told = drawn(without(recorded, TICK, tmp_path / "track"))
+    _, told = read_scenes(without(recorded, TICK, tmp_path / "track"))
     assert [stamp_ns for stamp_ns, _ in told] == FRAMES_NS
     for stamp_ns, scene in told:
         truth = {s.object_id: s for s in cutting_in(stamp_ns // STEP_NS)}
@@ -86,7 +86,7 @@ def test_without_a_world_it_is_what_vut_and_objects_reported(
 
 def test_a_frame_without_a_state_of_the_vut_is_left_out(recorded: Path, tmp_path: Path) -> None:
     bag = without(without(recorded, TICK, tmp_path / "track"), "/ssp/vut/state", tmp_path / "lost")
-    found, told = drawn(bag)
+    found, told = read_scenes(bag)
     assert list(found.frames_ns) == FRAMES_NS
     assert told == []
 
@@ -94,14 +94,14 @@ def test_a_frame_without_a_state_of_the_vut_is_left_out(recorded: Path, tmp_path
 def test_what_has_no_frames_is_refused(recorded: Path, tmp_path: Path) -> None:
     bag = without(recorded, "/ssp/vut/front_camera/image/compressed", tmp_path / "blind")
     with pytest.raises(InputError, match="has no frames"):
-        drawn(bag)
+        read_scenes(bag)
 
 
 def test_a_physical_session_that_was_drawn_is_a_stand_in(tmp_path: Path) -> None:
     """No real camera saw it, although real vehicles may have driven it."""
     bag = record_world(tmp_path / "run", steps=1, run=small_world(domain="physical", mode="live"))
     assert facts_of(bag / "bag").stand_in is False
-    append_attachment(bag / "bag", DRAWN_ATTACHMENT, as_drawn(), "application/json")
+    append_attachment(bag / "bag", DRAWN_ATTACHMENT, redrawing_bytes(), "application/json")
     facts = facts_of(bag / "bag")
     assert facts.stand_in is True
     assert facts.renderer == CARLA
@@ -117,7 +117,7 @@ def test_twins_of_pictures_that_carla_drew_are_refused(
     drawn_by_carla = small_world(camera={**CAMERA, "renderer": "carla"})
     session = record_world(tmp_path / "session", steps=1, run=drawn_by_carla)
     anew = record_world(tmp_path / "anew", steps=1)
-    append_attachment(anew / "bag", DRAWN_ATTACHMENT, as_drawn(), "application/json")
+    append_attachment(anew / "bag", DRAWN_ATTACHMENT, redrawing_bytes(), "application/json")
     for run in (session, anew):
         assert main(["twins", str(run), "--change", "without=ot1"]) == 1
         said = " ".join(capsys.readouterr().err.split())

@@ -83,7 +83,7 @@ def test_a_refused_recording_is_not_evaluated(make_bag: BagMaker, tmp_path: Path
     bag, out = make_bag(), tmp_path / "out"
     file = audit_file(tmp_path / "audit.json", "refused", bag)
     result = evaluate(bag, out, file)
-    assert (result.status, result.admission, result.asked) == ("refused", "refused", 0)
+    assert (result.status, result.admission, result.sent) == ("refused", "refused", 0)
     assert result.reasons == ("refused by the audit: safety abort (separation at 7.10 s)",)
     assert not (result.folder / "score.json").exists()
     assert facts(result)["admission"]["reasons"] == ["safety abort (separation at 7.10 s)"]

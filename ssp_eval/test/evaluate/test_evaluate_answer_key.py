@@ -32,7 +32,7 @@ def key(
     return AnswerKeys(model, labels, start).of(request)
 
 
-def given(model: ModelSpec, /, **options: Any) -> ModelSpec:
+def with_options(model: ModelSpec, /, **options: Any) -> ModelSpec:
     return replace(model, options={**model.options, **options})
 
 
@@ -80,9 +80,9 @@ def test_the_answer_before_counts_however_it_came() -> None:
 @pytest.mark.parametrize("model", [OPENAI, HTTP], ids=["openai", "http"])
 def test_what_decides_whether_an_answer_comes_isn_t_asked_again_for(model: ModelSpec) -> None:
     same = [
-        given(model, timeout_s=9.0),
-        given(model, tries=7),
-        given(model, api_key_env="OTHER_KEY"),
+        with_options(model, timeout_s=9.0),
+        with_options(model, tries=7),
+        with_options(model, api_key_env="OTHER_KEY"),
         replace(model, timeout_s=5.0),
         replace(model, adapter="waypoints:ego_xy"),
         replace(model, facts=ModelFacts(8.0, 8.0, "dense")),
@@ -91,7 +91,7 @@ def test_what_decides_whether_an_answer_comes_isn_t_asked_again_for(model: Model
         replace(model, preprocessing={"frame_span_s": 7.0}),
     ]
     if model is HTTP:
-        same += [given(model, start_s=1.0), given(model, max_mb=3.0)]
+        same += [with_options(model, start_s=1.0), with_options(model, max_mb=3.0)]
     assert {key(one) for one in same} == {key(model)}
     assert key(model, labels="sha256:other") == key(model, start=8) == key(model)
 
@@ -101,19 +101,19 @@ def test_what_can_change_what_a_model_says_is_asked_again_for() -> None:
         replace(OPENAI, name="n"),
         replace(OPENAI, condition=BLACK),
         replace(OPENAI, condition=SHUFFLED),
-        given(OPENAI, base_url="http://other:1/v1"),
-        given(OPENAI, model="r"),
-        given(OPENAI, temperature=1.0),
-        given(OPENAI, seed=2),
-        given(OPENAI, image_width=320),
-        given(OPENAI, extra={"top_k": 3}),
-        given(OPENAI, interface="lightemma"),
-        given(OPENAI, interface="waypoints"),
+        with_options(OPENAI, base_url="http://other:1/v1"),
+        with_options(OPENAI, model="r"),
+        with_options(OPENAI, temperature=1.0),
+        with_options(OPENAI, seed=2),
+        with_options(OPENAI, image_width=320),
+        with_options(OPENAI, extra={"top_k": 3}),
+        with_options(OPENAI, interface="lightemma"),
+        with_options(OPENAI, interface="waypoints"),
         HTTP,
-        given(HTTP, url="http://other:1"),
-        given(HTTP, interface="llavida"),
+        with_options(HTTP, url="http://other:1"),
+        with_options(HTTP, interface="llavida"),
         PYTHON,
-        given(PYTHON, options={"tries": 1}),
+        with_options(PYTHON, options={"tries": 1}),
         # Of a backend that isn't ours nobody knows what its options mean.
         ModelSpec("m", {"tries": 1}, backend="my_backend:make"),
         ModelSpec("m", {"tries": 2}, backend="my_backend:make"),
@@ -128,7 +128,7 @@ def test_only_the_perfect_answerer_depends_on_labels_and_the_clip_s_start(tmp_pa
     assert key(bridge_spec("silent"), labels="sha256:other") == key(bridge_spec("silent"))
     file = tmp_path / "labels.json"
     file.write_text("1")
-    own = given(PERFECT, labels_file=str(file))
+    own = with_options(PERFECT, labels_file=str(file))
     first = key(own)
     file.write_text("2")
     assert key(own) != first
@@ -137,9 +137,12 @@ def test_only_the_perfect_answerer_depends_on_labels_and_the_clip_s_start(tmp_pa
 def test_changed_words_ask_again_for_exactly_their_own_answers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = {name: given(OPENAI, interface=name) for name in PROMPTS}
-    asked |= {f"http {name}": given(HTTP, interface=name) for name in (*PROMPTS, "alpamayo")}
-    asked |= {"python": given(PYTHON, interface="openemma"), "attached": ModelSpec("m", {}, True)}
+    asked = {name: with_options(OPENAI, interface=name) for name in PROMPTS}
+    asked |= {f"http {name}": with_options(HTTP, interface=name) for name in (*PROMPTS, "alpamayo")}
+    asked |= {
+        "python": with_options(PYTHON, interface="openemma"),
+        "attached": ModelSpec("m", {}, True),
+    }
     before = {name: key(model) for name, model in asked.items()}
 
     def changed() -> set[str]:
@@ -210,7 +213,7 @@ def test_stored_answers_of_a_function_go_by_its_file(
     ) -> dict[str, Any]:
         (folder / file).parent.mkdir(exist_ok=True, parents=True)
         (folder / file).write_text(text)
-        return model_facts(given(PYTHON, function=function, folder=str(folder)), "", 0)
+        return model_facts(with_options(PYTHON, function=function, folder=str(folder)), "", 0)
 
     first = facts("my_model.py", "one")
     assert facts("my_model.py", "one", folder=tmp_path / "moved") == first
@@ -218,7 +221,7 @@ def test_stored_answers_of_a_function_go_by_its_file(
     inside = facts("package/model.py", "one", "package.model.drive")
     assert facts("package/model.py", "two", "package.model.drive") != inside
     # A folder without the module may hold what the function reads.
-    nowhere = given(PYTHON, function="not_there:drive", folder="/a")
+    nowhere = with_options(PYTHON, function="not_there:drive", folder="/a")
     assert model_facts(nowhere, "", 0)["options"]["folder"] == "/a"
     monkeypatch.syspath_prepend(str(tmp_path))
     backend = ModelSpec("m", {}, backend="my_model:make")
@@ -236,4 +239,4 @@ def test_an_id_tells_its_key_and_is_never_used_twice() -> None:
 @pytest.mark.parametrize("function", ["", "my_model", ":drive", "a..b:drive", ".:drive"])
 def test_a_function_without_a_module_has_a_key_too(function: str) -> None:
     """The bridge says what is wrong with it; a key needs no more than its name."""
-    assert key(given(PYTHON, function=function)) != key(PYTHON)
+    assert key(with_options(PYTHON, function=function)) != key(PYTHON)

@@ -48,7 +48,7 @@ def chat(name: str, url: str = "http://127.0.0.1:9/v1", **more: Any) -> str:
     return f"{name}={json.dumps({**options, **more})}"
 
 
-def said(request: Mapping[str, Any]) -> tuple[int, bytes]:
+def respond(request: Mapping[str, Any]) -> tuple[int, bytes]:
     """Answer as a model that looks at pictures, and that guesses if it gets none."""
     seeing = isinstance(request["messages"][-1]["content"], list)
     return 200, completion(SEEN if seeing else GUESSED)
@@ -61,7 +61,7 @@ def campaign(
     """A model, itself blind, and a blind one alone, with everything that they were asked."""
     folder = tmp_path_factory.mktemp("blind")
     plans: list[Plan] = []
-    with serving(said) as server:
+    with serving(respond) as server:
         given = [
             chat("qwen", server.url),
             chat("qwen", server.url, images="none"),
@@ -164,7 +164,7 @@ def test_no_condition_is_put_on_top_of_being_blind() -> None:
     given = model_specs([chat("qwen", images="none"), chat("other"), chat("qwen")], ())
     models = reasoned(with_pictures(with_controls(given)))
     models = with_twin_conditions(models, ["twin.without.car"])
-    names = [model.shown for model in models]
+    names = [model.result_name for model in models]
     assert [name for name in names if BLIND in name] == ["qwen+blind"]
     assert len(names) == len(set(names))
     for name in ("qwen", "other"):
@@ -173,7 +173,7 @@ def test_no_condition_is_put_on_top_of_being_blind() -> None:
     assert condition_of("qwen+blind") == ("qwen", BLIND)
     assert is_control_name("qwen+blind")
     attached = as_attached([m for m in given if m.condition == BLIND])
-    assert [model.shown for model in attached] == ["qwen+blind"]
+    assert [model.result_name for model in attached] == ["qwen+blind"]
 
 
 def test_an_option_adds_the_blind_self_of_each_chat_model(
@@ -186,7 +186,7 @@ def test_an_option_adds_the_blind_self_of_each_chat_model(
     assert models == model_specs([*by_hand, *blind], ())
     assert blinded(model_specs([*by_hand, blind[0]], ()))[-2:] == models[-2:]
     assert blinded(models) == models
-    shown = [model.shown for model in with_pictures(with_controls(models))]
+    shown = [model.result_name for model in with_pictures(with_controls(models))]
     assert shown[-2:] == ["qwen+blind", "far+blind"]
     assert not any("blind+" in name for name in shown)
     assert main(["evaluate", "bag", "--out", "out", "--bridge", "opencv_baseline", "--blind"]) == 2

@@ -138,11 +138,11 @@ def test_stored_answers_are_not_asked_again(make_bag: BagMaker, tmp_path: Path) 
     bag, out = make_bag(), tmp_path / "out"
     first = Answering()
     (before,) = evaluate(bag, out, "constant_velocity", clients=first)
-    assert len(first.requests) == before.asked == 9
+    assert len(first.requests) == before.sent == 9
     again = Answering()
     (after,) = evaluate(bag, out, "constant_velocity", clients=again)
     assert again.requests == []
-    assert (after.asked, after.reused, after.score) == (0, 9, before.score)
+    assert (after.sent, after.reused, after.score) == (0, 9, before.score)
     fresh = Answering()
     evaluate(bag, out, "constant_velocity", clients=fresh, fresh=True)
     assert len(fresh.requests) == 9
@@ -385,4 +385,4 @@ def test_no_score_stays_beside_labels_that_it_isn_t_of(make_bag: BagMaker, tmp_p
     there = {file.name for file in folder.iterdir()}
     assert there == {"labels.json", "raw.jsonl", "requests.jsonl"}
     (result,) = evaluate(bag, out, "perfect")
-    assert (result.status, result.asked) == ("ok", 9)
+    assert (result.status, result.sent) == ("ok", 9)

@@ -33,7 +33,7 @@ def clip(make_bag: BagMaker) -> Clip:
     return Clip(make_bag())
 
 
-def asked(clip: Clip, t_s: float, rules: Preprocessing = DEFAULT_RULES) -> Question:
+def question_at(clip: Clip, t_s: float, rules: Preprocessing = DEFAULT_RULES) -> Question:
     question = clip.question(t_s, rules)
     assert isinstance(question, Question), question
     return question
@@ -51,7 +51,7 @@ def test_facts_of_a_session(clip: Clip) -> None:
 
 
 def test_a_request_holds_the_last_second_and_the_ego_history(clip: Clip) -> None:
-    question = asked(clip, 4.03)
+    question = question_at(clip, 4.03)
     request = question.request
     assert question.t_s == pytest.approx(4.0)
     assert request.stamp_ns == START_NS + 4_000_000_000
@@ -67,7 +67,7 @@ def test_a_request_holds_the_last_second_and_the_ego_history(clip: Clip) -> None
 
 
 def test_camera_geometry_and_mount(clip: Clip) -> None:
-    request = asked(clip, 4.0).request
+    request = question_at(clip, 4.0).request
     assert request.camera is not None
     assert clip.mount is not None
     assert request.camera.width_px == 96
@@ -99,7 +99,7 @@ def test_nothing_later_than_the_label_enters_a_request(clip: Clip, t_s: float) -
 
 
 def test_the_start_of_a_clip_has_less_to_show(clip: Clip) -> None:
-    request = asked(clip, -0.5).request
+    request = question_at(clip, -0.5).request
     assert len(request.frames) == 1
     assert [sample.t_s for sample in request.history] == [0.0]
 
@@ -107,9 +107,9 @@ def test_the_start_of_a_clip_has_less_to_show(clip: Clip) -> None:
 def test_preprocessing_is_a_choice(make_bag: BagMaker) -> None:
     rules = Preprocessing(frames=3, frame_spacing_s=0.2, history_s=0.5)
     with Clip(make_bag()) as clip:
-        request = asked(clip, 4.0, rules).request
+        request = question_at(clip, 4.0, rules).request
         # The same clip serves models of other interfaces.
-        assert len(asked(clip, 4.0).request.frames) == 10
+        assert len(question_at(clip, 4.0).request.frames) == 10
         stamps = [(frame.stamp_ns - START_NS) / 1e9 for frame in request.frames]
         assert stamps == pytest.approx([3.6, 3.8, 4.0])
         assert len(request.history) == 6
@@ -214,7 +214,7 @@ def test_an_imported_video_starts_at_its_first_frame(tmp_path: Path) -> None:
         facts = clip.provenance
         assert (facts.verdict, facts.refusal, facts.scenario) == (None, None, None)
         assert (clip.first_s, clip.start_ns) == (0.0, 10**9)
-        request = asked(clip, 1.0).request
+        request = question_at(clip, 1.0).request
     # Nothing is known about the motion or the camera, and nothing is made up.
     assert request.history == ()
     assert request.ego_provenance == "unknown"

@@ -118,7 +118,7 @@ def test_a_single_frame_is_replaced_by_that_of_another_label_time() -> None:
 def test_controls_are_added_once_and_checks_get_no_conditions() -> None:
     mine = ModelSpec("mine", backend="opencv_baseline")
     specs = with_controls([mine, bridge_spec("perfect")])
-    names = [spec.shown for spec in specs]
+    names = [spec.result_name for spec in specs]
     assert names == [
         "mine",
         "mine+black",
@@ -130,9 +130,9 @@ def test_controls_are_added_once_and_checks_get_no_conditions() -> None:
     ]
     assert [spec.control for spec in specs] == [False, True, True, False, True, True, True]
     attached = with_controls([attached_spec("far"), attached_spec("silent")])
-    shown = [spec.shown for spec in attached if spec.attached]
+    shown = [spec.result_name for spec in attached if spec.attached]
     assert shown == ["far", "far+black", "far+shuffled", "silent"]
-    ours = [spec.shown for spec in attached if not spec.attached]
+    ours = [spec.result_name for spec in attached if not spec.attached]
     assert ours == ["constant_velocity", "copy_history", "perfect"]
     assert set(ANSWERERS) <= set(names)
 
@@ -172,5 +172,5 @@ def test_a_campaign_with_controls(make_bag: BagMaker, tmp_path: Path) -> None:
     assert section.count("<td>seeing</td>") == 2
     assert "constant_velocity" in section
     again = run_campaign(bags, models, clients, tmp_path, CellOptions())
-    assert sum(result.asked for result in again) == 0
+    assert sum(result.sent for result in again) == 0
     assert len(client.requests) == 27

@@ -85,7 +85,7 @@ def test_the_plan_counts_what_is_asked_and_not_what_is_refused(
     (plan,) = told
     assert plan == Plan(label_times=126, cells=7, questions=63, to_answerers=36, spoilt=18)
     assert len(records) == plan.label_times
-    assert sum(result.asked for result in results) == plan.questions
+    assert sum(result.sent for result in results) == plan.questions
     assert [r.control for r in results if r.domain == "simulation"] == [False, *[True] * 6]
 
 
@@ -141,10 +141,10 @@ def test_a_campaign_goes_on_with_and_without_controls(make_bag: BagMaker, tmp_pa
     told = "These cells have no controls"
     assert told in write_report(out).read_text()
     later = run_campaign(bags, with_controls(plain), InProcessClients(), out, CellOptions())
-    assert [(r.asked, r.reused) for r in later] == [(0, 9), *[(9, 0)] * 6]
+    assert [(r.sent, r.reused) for r in later] == [(0, 9), *[(9, 0)] * 6]
     assert told not in write_report(out).read_text()
     again = run_campaign(bags, plain, InProcessClients(), out, CellOptions())
-    assert [(r.asked, r.reused) for r in again] == [(0, 9)]
+    assert [(r.sent, r.reused) for r in again] == [(0, 9)]
     assert len(list((out / "cells").iterdir())) == 7
 
 

@@ -195,7 +195,7 @@ def test_a_campaign_asks_each_model_under_every_corruption(
     make_bag: BagMaker, tmp_path: Path
 ) -> None:
     models = with_pictures(with_controls([ModelSpec("seeing", backend="opencv_baseline")]))
-    names = [model.shown for model in models]
+    names = [model.result_name for model in models]
     assert names[:3] == ["seeing", "seeing+black", "seeing+shuffled"]
     assert names[3:17] == [f"seeing+{condition}" for condition in PICTURES]
     assert [model.control for model in models] == [False, *[True] * 20]
@@ -213,7 +213,7 @@ def test_a_campaign_asks_each_model_under_every_corruption(
     seeing = page.split('<section id="controls">')[1].split("</section>")[0]
     assert seeing.count("<td>seeing</td>") == 2
     again = run_campaign(bags, asked, client, tmp_path, CellOptions())
-    assert sum(result.asked for result in again) == 0
+    assert sum(result.sent for result in again) == 0
 
 
 def test_models_that_look_at_no_frame_are_not_shown_corrupted_ones() -> None:

@@ -88,10 +88,10 @@ def test_going_back_asks_nothing_and_the_files_don_t_grow(campaign: Campaign) ->
     )
     for _ in range(3):
         back = campaign(0.0)
-        assert (back.asked, back.reused, back.score) == (0, 9, first.score)
+        assert (back.sent, back.reused, back.score) == (0, 9, first.score)
         assert campaign.texts() == answers(range(9))
         assert campaign.texts(EARLIER_FILE) == answers(range(9, 18))
-        assert campaign(1.0).asked == 0
+        assert campaign(1.0).sent == 0
     assert campaign.model.count == 18
     campaign(0.5)
     assert campaign.model.count == 27
@@ -105,7 +105,7 @@ def test_a_new_answer_to_the_same_question_replaces_the_old_one(campaign: Campai
     assert campaign.texts() == answers(range(18, 27))
     assert campaign.texts(EARLIER_FILE) == answers(range(9, 18))
     campaign(1.0)
-    assert campaign(0.0).asked == 0
+    assert campaign(0.0).sent == 0
     assert campaign.texts() == answers(range(18, 27))
 
 
@@ -116,7 +116,7 @@ def test_errors_are_not_kept(campaign: Campaign) -> None:
     kept = campaign.texts(EARLIER_FILE)
     assert kept == [f"answer {n}" for n in range(9) if n not in (2, 5)]
     back = campaign(0.0)
-    assert (back.asked, back.reused, back.missing) == (2, 7, 0)
+    assert (back.sent, back.reused, back.missing) == (2, 7, 0)
 
 
 def test_broken_answers_of_an_older_store_are_asked_again(campaign: Campaign) -> None:
@@ -129,7 +129,7 @@ def test_broken_answers_of_an_older_store_are_asked_again(campaign: Campaign) ->
     assert len([text for text in campaign.texts() if text]) == 9
     back = campaign(0.0)
     # What a filter held back is final.
-    assert (back.asked, back.reused, back.missing) == (1, 8, 1)
+    assert (back.sent, back.reused, back.missing) == (1, 8, 1)
     assert back.losses == {"the model declined": 1}
     assert campaign.texts()[2] == "answer 9"
 
@@ -141,10 +141,10 @@ def test_labels_that_move_leave_their_answers(campaign: Campaign) -> None:
     value = json.loads(before)
     del value["labels"][3:5]
     labels.write_text(json.dumps(value))
-    assert campaign(0.0).asked == 0
+    assert campaign(0.0).sent == 0
     assert campaign.texts(EARLIER_FILE) == ["answer 3", "answer 4"]
     labels.write_text(before)
-    assert campaign(0.0).asked == 0
+    assert campaign(0.0).sent == 0
     assert campaign.texts() == answers(range(9))
     assert not (campaign.folder / EARLIER_FILE).exists()
 
@@ -157,15 +157,15 @@ def test_nothing_is_lost_by_an_interruption_in_between(campaign: Campaign) -> No
     with pytest.raises(KeyboardInterrupt):
         campaign(0.0, fresh=True)
     campaign.model.stops_at = None
-    assert campaign(1.0).asked == 0
-    assert campaign(0.0).asked == 0
+    assert campaign(1.0).sent == 0
+    assert campaign(0.0).sent == 0
     assert campaign.texts() == answers(range(18, 21), range(3, 9))
     # A kill between the two files leaves an answer in both, and no cell.json.
     (campaign.folder / "cell.json").unlink()
     (campaign.folder / EARLIER_FILE).write_bytes(
         (campaign.folder / EARLIER_FILE).read_bytes() + (campaign.folder / RAW_FILE).read_bytes()
     )
-    assert campaign(0.0).asked == 0
+    assert campaign(0.0).sent == 0
     assert campaign.texts(EARLIER_FILE) == answers(range(9, 18))
 
 
@@ -175,7 +175,7 @@ def test_the_file_may_be_deleted_and_a_broken_one_is_named(campaign: Campaign) -
     earlier = campaign.folder / EARLIER_FILE
     content = earlier.read_text()
     earlier.unlink()
-    assert campaign(1.0).asked == 0
+    assert campaign(1.0).sent == 0
     earlier.write_text(content[:-5])
     with pytest.raises(InputError, match=r"earlier.jsonl:9: is not valid JSON"):
         RawStore(campaign.folder)

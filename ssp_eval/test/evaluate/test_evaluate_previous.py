@@ -17,7 +17,7 @@ from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.answer_records import record_of
 from ssp_eval.evaluate.store.cell_file import CellResult
-from ssp_eval.evaluate.store.requests import answer_sha256, asked_again
+from ssp_eval.evaluate.store.requests import answer_sha256, rebuild_request
 from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.statistics.notices import OUTAGE, notices
 from ssp_eval.statistics.rows import rows_from_cells
@@ -147,7 +147,7 @@ def test_a_changed_adapter_reads_again_and_never_asks_again(
     silent = Model()
     changed = evaluate(bag, out, silent, adapter="waypoints:ego_xy")
     assert silent.requests == []
-    assert (changed.asked, changed.reused) == (0, 9)
+    assert (changed.sent, changed.reused) == (0, 9)
     assert lines(changed, "raw.jsonl") == lines(before, "raw.jsonl")
     cell = json.loads((changed.folder / "cell.json").read_text())
     assert (cell["adapter"], cell["interface"]) == ("waypoints:ego_xy", "openemma")
@@ -188,7 +188,7 @@ def test_a_record_can_be_made_again_from_what_is_stored(make_bag: BagMaker, tmp_
     }
     for record, question in zip(records, asked, strict=True):
         before = raw.get((question["previous"] or {}).get("request_id"))
-        request = asked_again(question, before)
+        request = rebuild_request(question, before)
         assert len(request.history) == len(question["history"]) > 0
         answer = raw[question["request_id"]]
         again = record_of(record.t_s, answer, cell["adapter"], request, question["no_previous"])

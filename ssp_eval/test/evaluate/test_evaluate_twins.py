@@ -99,9 +99,9 @@ def test_a_model_is_asked_about_each_twin_at_the_labels_times(bag: Path, tmp_pat
     assert {row.model for row in entering(rows_from_cells(load_cells(out)))} == {"seeing"}
     assert names[1] in write_report(out).read_text()
     again = evaluated(bag, out, [SEEING], client, twins=True)
-    assert [(r.asked, r.reused) for r in again] == [(0, 9)] * 4
+    assert [(r.sent, r.reused) for r in again] == [(0, 9)] * 4
     # A later command without it asks nothing anew and leaves their cells.
-    assert [(r.asked, r.reused) for r in evaluated(bag, out, [SEEING], client)] == [(0, 9)]
+    assert [(r.sent, r.reused) for r in evaluated(bag, out, [SEEING], client)] == [(0, 9)]
     assert len(load_cells(out)) == 4
 
 
@@ -130,7 +130,7 @@ def test_the_plan_counts_the_questions_about_twins(bag: Path, tmp_path: Path) ->
     ]
     (plan,) = told
     assert plan == Plan(144, 16, 144, to_answerers=36, spoilt=18, about_twins=54, repeated=27)
-    assert sum(result.asked for result in results) == plan.questions
+    assert sum(result.sent for result in results) == plan.questions
     assert plan.line().endswith(
         "leaves them out); 54 once more about twins; 27 as before, to see what changes without a "
         "cause"

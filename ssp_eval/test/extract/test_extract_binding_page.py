@@ -40,7 +40,7 @@ def statements(world: World) -> list[str]:
     return found
 
 
-def shown(one: Actor | str | None) -> str:
+def name_of(one: Actor | str | None) -> str:
     return one.name if isinstance(one, Actor) else (one or "")
 
 
@@ -57,9 +57,9 @@ class Traced(Binder):
             " ".join(self.words[hit.first : hit.stop]),
             f"{hit.kind} `{hit.value}`" if hit.value and hit.kind != "mark" else hit.kind,
             "|".join(flag.name or "" for flag in flags).lower(),
-            shown(self.subject),
-            shown(self.near),
-            shown(self.last),
+            name_of(self.subject),
+            name_of(self.near),
+            name_of(self.last),
             ", ".join(one.value for one in waiting),
             "; ".join(one for one in statements(self.world) if one not in before),
         )

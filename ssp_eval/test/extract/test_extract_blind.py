@@ -52,4 +52,4 @@ def test_labellers_who_judge_each_other_are_as_precise_as_they_find() -> None:
     one = dict.fromkeys(SLOT_NAMES) | {"motion": {"value": "oncoming", "also": []}}
     other = {**one, "motion": {"value": "receding", "also": ["oncoming"]}}
     both = total(of_labellers([{"id": "a", "text": "", "labels": [one, other]}]))
-    assert (both.given, both.right, both.wanted, both.found) == (2, 1, 2, 1)
+    assert (both.answer_count, both.right, both.required_count, both.hit_count) == (2, 1, 2, 1)

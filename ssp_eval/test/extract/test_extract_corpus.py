@@ -102,7 +102,7 @@ def test_the_checks_keep_true_proposals_and_let_few_wrong_ones_through() -> None
             labels = [one for one in proposals if one.slot == name]
             if labels:
                 wanted = labelled(getattr(example.slots, name))
-                true = said(name, labels) == wanted
+                true = value_of(name, labels) == wanted
                 proposed[true] += 1
                 kept[true] += name in judged.slots and (
                     not true or labelled(judged.slots[name]) == wanted
@@ -165,7 +165,7 @@ def labelled(slot: Slot | None) -> object:
     return None if slot is None else slot.value
 
 
-def said(name: str, proposals: Sequence[Proposal]) -> object:
+def value_of(name: str, proposals: Sequence[Proposal]) -> object:
     """The value that proposals of one slot amount to."""
     if name != "objects":
         return proposals[0].label

@@ -85,7 +85,7 @@ texts = st.one_of(
 )
 
 
-def _given(slots: Slots) -> dict[str, Slot]:
+def _present_slots(slots: Slots) -> dict[str, Slot]:
     found = {name: getattr(slots, name) for name in SLOT_NAMES}
     return {name: slot for name, slot in found.items() if slot is not None}
 
@@ -93,7 +93,7 @@ def _given(slots: Slots) -> dict[str, Slot]:
 @settings(max_examples=100, deadline=None)
 @given(texts)
 def test_every_slot_is_legal_and_supported_by_the_text(text: str) -> None:
-    for name, slot in _given(extract(text)).items():
+    for name, slot in _present_slots(extract(text)).items():
         values = slot.value if isinstance(slot.value, tuple) else (slot.value,)
         assert isinstance(slot.value, tuple) == (name == "objects")
         assert set(values) <= set(VOCABULARIES[name])
@@ -177,7 +177,7 @@ def test_offsets_hold_behind_other_scripts(prefix: str) -> None:
     ],
 )
 def test_evidence_is_the_words_that_say_it(text: str, evidence: dict[str, list[str]]) -> None:
-    given_slots = _given(extract(text))
+    given_slots = _present_slots(extract(text))
     quoted = {name: [text[a:b] for a, b in slot.evidence] for name, slot in given_slots.items()}
     assert quoted == evidence
 

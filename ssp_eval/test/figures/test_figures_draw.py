@@ -75,16 +75,16 @@ def _strict() -> Iterator[None]:
             yield
 
 
-def drawn(rows: list[CellRow], kind: str) -> dict[str, Drawing]:
+def drawings_of(rows: list[CellRow], kind: str) -> dict[str, Drawing]:
     """The drawings of one kind by name."""
     found = KINDS[kind](Scores(tuple(rows)))
     return {one.name: one for one in found if isinstance(one, Drawing)}
 
 
 @cache
-def drawn_once(case: str, kind: str) -> dict[str, Drawing]:
+def cached_drawings(case: str, kind: str) -> dict[str, Drawing]:
     """The drawings of a case that several tests look at, and none changes."""
-    return drawn(CASES[case], kind)
+    return drawings_of(CASES[case], kind)
 
 
 def gids(figure: Drawing) -> Counter[str]:
@@ -107,7 +107,9 @@ def texts_of(figure: Drawing) -> list[tuple[str, tuple[float, float, float, floa
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("case", CASES)
 def test_no_text_lies_on_another_is_cut_off_or_too_small(case: str, kind: str) -> None:
-    found = drawn_once(case, kind) if case in LOOKED_AT_AGAIN else drawn(CASES[case], kind)
+    found = (
+        cached_drawings(case, kind) if case in LOOKED_AT_AGAIN else drawings_of(CASES[case], kind)
+    )
     for name, figure in found.items():
         width, height = figure.figure.canvas.get_width_height()
         texts = texts_of(figure)
@@ -135,7 +137,7 @@ def test_a_matrix_has_a_mark_for_every_score_and_says_what_was_refused() -> None
     rows[1] = replace(rows[1], admitted=False)
     rows[2] = replace(rows[2], control=True)
     rows[3] = replace(rows[3], cia_eff=None)
-    found = drawn(rows, "matrix")
+    found = drawings_of(rows, "matrix")
     figure, of_controls = found["matrix"], found["matrix_controls"]
     assert (gids(figure)["score"], gids(of_controls)["score"]) == (16 * 6, 6)
     assert "enter no mean" in of_controls.caption
@@ -164,7 +166,7 @@ def test_thousands_of_pages_are_drawn_when_they_are_asked_for(
 
 
 def test_a_large_matrix_goes_over_pages_without_losing_a_cell() -> None:
-    rows, pages = CASES["30 models"], drawn_once("30 models", "matrix")
+    rows, pages = CASES["30 models"], cached_drawings("30 models", "matrix")
     assert list(pages) == [f"matrix_{k}" for k in range(1, len(pages) + 1)]
     assert len(pages) > 1
     assert sum(gids(page)["score"] for page in pages.values()) == len(rows) * 6
@@ -174,12 +176,12 @@ def test_a_large_matrix_goes_over_pages_without_losing_a_cell() -> None:
 def test_means_of_runs_are_one_row_and_a_share_of_responses() -> None:
     (row,) = CASES["one cell"]
     runs = [replace(row, seed=k, rsr=float(k > 0), rl_s=0.5 if k else None) for k in range(4)]
-    figure = drawn(runs, "matrix")["matrix"]
+    figure = drawings_of(runs, "matrix")["matrix"]
     assert gids(figure)["score"] == 6
     assert "75 %" in [text for text, _, _ in texts_of(figure)]
     assert "several runs" in figure.caption
     lost = replace(row, seed=9, status="failed", reason="bridge died")
-    figure = drawn([*runs, lost], "matrix")["matrix"]
+    figure = drawings_of([*runs, lost], "matrix")["matrix"]
     assert gids(figure)["score"] == 6
     assert f"Runs without a score, which their cells leave out: {' / '.join(row.key)}: bridge" in (
         figure.caption
@@ -188,7 +190,7 @@ def test_means_of_runs_are_one_row_and_a_share_of_responses() -> None:
 
 def test_marks_of_domains_are_the_means_and_the_stacks_add_up_to_ivcs() -> None:
     scores = Scores(tuple(CASES["18 cells"]))
-    figures = drawn_once("18 cells", "domains")
+    figures = cached_drawings("18 cells", "domains")
     marks = {
         artist.get_gid(): artist.get_xdata()[0]
         for artist in figures["domains_components"].figure.findobj()
@@ -210,7 +212,7 @@ def test_marks_of_domains_are_the_means_and_the_stacks_add_up_to_ivcs() -> None:
 
 
 def test_slopes_show_ranks_and_tell_every_change() -> None:
-    figure = drawn_once("18 cells", "domains")["domains_ranks"]
+    figure = cached_drawings("18 cells", "domains")["domains_ranks"]
     found = ranking(Scores(tuple(CASES["18 cells"])).cells, "domain")
     assert gids(figure)["line"] == 3
     assert gids(figure)["label"] == 6
@@ -231,7 +233,7 @@ def test_slopes_show_ranks_and_tell_every_change() -> None:
 def test_the_name_of_the_constants_line_hides_no_mark() -> None:
     rows = [*CASES["18 cells"], *rows_of(("best_constant",), seed=1)]
     rows = [replace(row, control=row.model == "best_constant") for row in rows]
-    figure = drawn(rows, "models")["models_ranks"]
+    figure = drawings_of(rows, "models")["models_ranks"]
     named = [box for text, box, _ in texts_of(figure) if "best blind constant" in text]
     marks = [a for a in figure.figure.findobj() if (a.get_gid() or "").startswith("macro-")]
     renderer = figure.figure.canvas.get_renderer()
@@ -253,21 +255,23 @@ def test_the_best_constant_is_a_line_in_every_figure_of_ranks() -> None:
     rows = [*CASES["18 cells"], *rows_of(("best_constant",), seed=1)]
     rows = [replace(row, control=row.model == "best_constant") for row in rows]
     scores = Scores(tuple(rows))
-    pages = [constants(one) for one in drawn(rows, "matrix").values()]
+    pages = [constants(one) for one in drawings_of(rows, "matrix").values()]
     assert sum(map(len, pages)) == len(rows) == 24
     values = {model: value for (model,), value in scores.constant("model").items()}
     assert set(values) == set(MODELS)
-    drawings = {**drawn(rows, "models"), **drawn(rows, "foundation")}
+    drawings = {**drawings_of(rows, "models"), **drawings_of(rows, "foundation")}
     for name in ("models_range", "foundation_ranking"):
         assert constants(drawings[name]) == {
             model: pytest.approx([value, value]) for model, value in values.items()
         }
     assert len(constants(drawings["models_ranks"])) == 1
-    assert set(constants(drawn(rows, "domains")["domains_ranks"])) == set(DOMAINS)
+    assert set(constants(drawings_of(rows, "domains")["domains_ranks"])) == set(DOMAINS)
 
 
 def test_the_axis_of_profiles_has_a_title() -> None:
-    found = [text for text, _, _ in texts_of(drawn_once("18 cells", "models")["models_profiles"])]
+    found = [
+        text for text, _, _ in texts_of(cached_drawings("18 cells", "models")["models_profiles"])
+    ]
     assert "mean score, from 0 to 1" in found
 
 
@@ -283,7 +287,7 @@ def test_domains_are_told_apart_without_colour() -> None:
     assert len({look.marker for look in looks}) == 3
     for one, other in itertools.combinations(looks, 2):
         assert abs(grey(one.colour) - grey(other.colour)) > 0.15
-    figures = drawn_once("18 cells", "domains")
+    figures = cached_drawings("18 cells", "domains")
     for name, start in (("domains_components", "mean-"), ("domains_ranks", "line-")):
         markers = {
             artist.get_gid().rpartition("-")[2]: artist.get_marker()
@@ -305,7 +309,7 @@ def test_neighbouring_parts_of_ivcs_are_told_apart_without_colour() -> None:
 def test_slopes_mark_the_macro_average_of_each_line(kind: str, name: str) -> None:
     scores = Scores(tuple(CASES["18 cells"]))
     groups = scores.by_domain if kind == "domains" else scores.by_model
-    figure = drawn_once("18 cells", kind)[name]
+    figure = cached_drawings("18 cells", kind)[name]
     marks = {
         artist.get_gid().removeprefix("macro-"): (artist.get_xdata()[0], artist.get_ydata()[0])
         for artist in figure.figure.findobj()
@@ -332,7 +336,7 @@ def test_of_many_scenarios_the_caption_names_best_and_worst_ranks() -> None:
 
 
 def test_models_have_a_mark_per_scenario_a_panel_and_a_difference() -> None:
-    figures = drawn_once("30 models", "models")
+    figures = cached_drawings("30 models", "models")
     assert gids(figures["models_range"])["scenario"] == 60
     assert gids(figures["models_range"])["macro"] == 30
     assert gids(figures["models_profiles"])["bar"] == 30 * 7
@@ -368,7 +372,7 @@ def test_differences_are_taken_over_what_both_models_have() -> None:
 def test_foundation_figures_show_only_what_is_known() -> None:
     rows = CASES["30 models"]
     scores = Scores(tuple(rows))
-    figures = drawn_once("30 models", "foundation")
+    figures = cached_drawings("30 models", "foundation")
     assert gids(figures["foundation_semantics_trajectory"])["point"] == 30
     assert gids(figures["foundation_parameters"])["point"] == 20
     unknown = {row.model for row in rows if row.active_b is None}

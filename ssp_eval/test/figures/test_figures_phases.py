@@ -19,7 +19,7 @@ from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.figures.moments import CellMoments, cell_moments
 from ssp_eval.figures.phases import MOST_CELLS, phase_frames, write_phase_frames
 from ssp_eval.figures.style import drawing
-from ssp_eval.report.cli import WantedFigures, draw_figures
+from ssp_eval.report.cli import FigureSelection, draw_figures
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_phases_alone_write_no_other_figure_and_leave_the_campaign_as_it_is(
     frames = {path: sha256_file(path) for path in (campaign / "frames").iterdir()}
     cells = load_cells(campaign)
     out = tmp_path / "figures"
-    draw_figures(WantedFigures(out, None, ("phases",)), [], campaign, cells)
+    draw_figures(FigureSelection(out, None, ("phases",)), [], campaign, cells)
     assert {path.stem for path in out.iterdir()} == {"phases_cut_in_constant_velocity"}
     assert f"{out} (4 files)" in capsys.readouterr().out
     assert {path: sha256_file(path) for path in frames} == frames

@@ -67,7 +67,7 @@ def write_table(path: Path) -> Path:
     return path
 
 
-def brought(video: Path, *options: object) -> tuple[list[Any], dict[str, Any]]:
+def run_import(video: Path, *options: object) -> tuple[list[Any], dict[str, Any]]:
     """The frames and import.json of an import."""
     out = video.with_name("rec")
     given = options or ("--ego-unknown",)
@@ -86,7 +86,9 @@ def steady(fps: float, seconds: float = 3.0, begin_s: float = 0.0) -> list[float
 @pytest.mark.parametrize("fps", [10, 12.5, 24, 25, 30, 50, 60])
 def test_sound_films_are_taken_without_a_word(suffix: str, fps: float, tmp_path: Path) -> None:
     aspect = None if fps < 30 else Fraction(1, 1)
-    frames, record = brought(write_film(tmp_path / f"film{suffix}", steady(fps, 2), aspect=aspect))
+    frames, record = run_import(
+        write_film(tmp_path / f"film{suffix}", steady(fps, 2), aspect=aspect)
+    )
     assert record["notes"] == []
     steps_s = np.diff([one.stamp_ns for one in frames]) / NS_PER_S
     assert steps_s.max() < 0.101
@@ -113,7 +115,7 @@ def test_pixels_that_are_not_square_are_stretched(
     aspect: Fraction, size_px: tuple[int, int], tmp_path: Path
 ) -> None:
     film = write_film(tmp_path / "film.mp4", steady(10), aspect=aspect)
-    frames, record = brought(film, "--ego-unknown", "--hfov-deg", 90)
+    frames, record = run_import(film, "--ego-unknown", "--hfov-deg", 90)
     width, height = size_px
     assert frames[3].image.shape == (height, width, 3)
     assert (
@@ -127,7 +129,7 @@ def test_pixels_that_are_not_square_are_stretched(
 
 def test_times_of_a_transport_stream_count_from_its_first_stamp(tmp_path: Path) -> None:
     film = write_film(tmp_path / "film.ts", steady(30, 4, begin_s=1.4))
-    frames, record = brought(film, "--ego-unknown", "--start", 1, "--end", 3)
+    frames, record = run_import(film, "--ego-unknown", "--start", 1, "--end", 3)
     assert record["notes"] == []
     assert record["crop"]["start_s"] == pytest.approx(1.0, abs=0.04)
     assert frames[-1].stamp_ns / NS_PER_S == pytest.approx(1.9, abs=0.04)
@@ -139,7 +141,7 @@ def test_a_first_frame_that_is_late_keeps_the_files_time(
     suffix: str, begin_s: float, tmp_path: Path
 ) -> None:
     film = write_film(tmp_path / f"film{suffix}", steady(20, begin_s=begin_s))
-    _, record = brought(film, "--states", write_table(tmp_path / "states.csv"))
+    _, record = run_import(film, "--states", write_table(tmp_path / "states.csv"))
     assert record["crop"]["start_s"] == pytest.approx(begin_s, abs=1e-3)
     assert record["notes"] == [
         f"camera: the video's first frame is at {begin_s:.3f} s of the file; times of tables and "
@@ -154,7 +156,7 @@ def test_a_first_frame_that_is_late_keeps_the_files_time(
 
 def test_a_rate_that_varies_is_thinned_by_time(tmp_path: Path) -> None:
     times_s = [*steady(60, 2), *steady(15, 2, 2.0)]
-    frames, record = brought(write_film(tmp_path / "film.mp4", times_s))
+    frames, record = run_import(write_film(tmp_path / "film.mp4", times_s))
     assert np.diff([one.stamp_ns for one in frames]).max() < 0.11 * NS_PER_S
     assert "its rate varies" in record["notes"][0]
     assert len(frames) < 80
@@ -164,7 +166,7 @@ def test_one_picture_for_long_is_said_where_the_vut_drives(tmp_path: Path) -> No
     film = write_film(
         tmp_path / "film.mp4", steady(10), show=lambda number: 10 if 10 <= number < 20 else number
     )
-    _, record = brought(film, "--states", write_table(tmp_path / "states.csv"))
+    _, record = run_import(film, "--states", write_table(tmp_path / "states.csv"))
     (said,) = record["notes"]
     assert said.startswith("camera: one picture ")
     assert "while the VUT drives: did the camera stop?" in said
@@ -181,5 +183,5 @@ def test_errors_of_the_decoder_can_be_accepted_by_name(
     said = refused("import-video", film, "--ego-unknown", "--out", tmp_path / "rec")
     assert "frames [damaged_video]" in said
     assert "--accept damaged_video takes it as it is" in said
-    _, record = brought(film, "--ego-unknown", "--accept", "damaged_video")
+    _, record = run_import(film, "--ego-unknown", "--accept", "damaged_video")
     assert [one["name"] for one in record["accepted"]] == ["damaged_video"]

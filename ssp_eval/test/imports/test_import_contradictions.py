@@ -35,12 +35,12 @@ def course(
     return Course(kind, t - t[0], judged, judged + ahead, yaw, speed)
 
 
-def found(rows: Sequence[Row], ahead_m: float = 0.0) -> list[Contradiction]:
+def contradictions_of(rows: Sequence[Row], ahead_m: float = 0.0) -> list[Contradiction]:
     return contradictions(course(rows, ahead_m=ahead_m))
 
 
 def names(rows: Sequence[Row], ahead_m: float = 0.0) -> list[str]:
-    return [one.name for one in found(rows, ahead_m)]
+    return [one.name for one in contradictions_of(rows, ahead_m)]
 
 
 def drive(
@@ -127,7 +127,7 @@ def test_a_speed_that_is_wrong_for_a_while_is_named_with_its_stretch(
 ) -> None:
     sound = drive(6.0, rate_hz)
     assert names(sound) == []
-    (one,) = found(changed(sound, since, until, speed=lambda v: factor * v))
+    (one,) = contradictions_of(changed(sound, since, until, speed=lambda v: factor * v))
     assert one.name == "speed"
     assert one.first / rate_hz == pytest.approx(since, abs=0.11)
     assert one.last / rate_hz == pytest.approx(until - 1.0 / rate_hz, abs=0.11)
@@ -151,7 +151,7 @@ def test_a_heading_that_is_turned_for_a_while_is_named_with_its_stretch(
         (t, x - ahead_m * math.cos(yaw), y - ahead_m * math.sin(yaw), yaw, v, std)
         for t, x, y, yaw, v, std in rows
     ]
-    (one,) = found(moved, ahead_m)
+    (one,) = contradictions_of(moved, ahead_m)
     assert one.name == "heading"
     assert abs(one.stated) == pytest.approx(abs(turned_deg), abs=11.0)
     assert one.first / rate_hz == pytest.approx(1.0, abs=0.25)
@@ -225,7 +225,7 @@ def test_what_ends_a_live_session_is_refused_in_a_recording(false: str) -> None:
             watch.take(round(t_s * 1e9), *values)
             if watch.contradiction is not None and watch.contradiction.holds:
                 ended += 1
-                assert found(rows)
+                assert contradictions_of(rows)
                 break
     assert ended >= 3  # Some yaws are nearly the same in both frames.
 

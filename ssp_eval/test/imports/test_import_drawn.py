@@ -101,8 +101,8 @@ def test_an_imported_track_day_is_drawn_anew(
     assert facts.stand_in
     assert not source.stand_in
     assert facts.renderer == COUNTERPART
-    assert facts.drawn is not None
-    assert facts.drawn.of_sha256 == source.bag_sha256
+    assert facts.redrawing is not None
+    assert facts.redrawing.of_sha256 == source.bag_sha256
     assert "vehicle.mercedes.coupe_2020" in server_disclosures(facts)["body of ot1"]
     assert not list(tmp_path.glob("*.drawing"))
 

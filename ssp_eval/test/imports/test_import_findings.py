@@ -25,14 +25,14 @@ def finding(name: str, acceptable: bool = True, file: str = "bag") -> Finding:
 def test_all_findings_and_the_error_that_ends_the_import_stand_in_one_message() -> None:
     findings = Findings({"a"})
 
-    def found() -> None:
+    def add_findings() -> None:
         findings.add(finding("a"))
         findings.add(finding("b"))
         findings.add(finding("c", acceptable=False, file="table.csv"))
         raise InputError("no frames", file="bag", field="/cam")
 
     with pytest.raises(InputError) as caught, findings.listed(Path("bag")):
-        found()
+        add_findings()
     assert str(caught.value) == (
         "bag: has 3 errors:\n"
         "  /cam: b at 1.0 s [b]; mend it; --accept b takes it as it is\n"

@@ -48,7 +48,7 @@ def bag_of(path: Path, make: Make, kind: str = JPEG, day: TrackDay = DAY) -> Pat
     return write_bag(path, [*day.messages(make, kind), info])
 
 
-def brought(bag: Path, out: Path, *options: object) -> tuple[list[Any], dict[str, Any]]:
+def run_import(bag: Path, out: Path, *options: object) -> tuple[list[Any], dict[str, Any]]:
     """The frames of an import and its import.json."""
     assert main(["import-bag", str(bag), *OPTIONS, *map(str, options), "--out", str(out)]) == 0
     with BagReader(out) as reader:
@@ -103,7 +103,7 @@ def padded(ns: int, image: Any) -> Any:
     ],
 )
 def test_sound_pictures_are_taken_without_a_word(make: Make, kind: str, tmp_path: Path) -> None:
-    frames, record = brought(bag_of(tmp_path / "day", make, kind), tmp_path / "rec")
+    frames, record = run_import(bag_of(tmp_path / "day", make, kind), tmp_path / "rec")
     assert [number_of(frame) for frame in frames] == list(range(31))
     assert not [note for note in record["states"]["notes"] if note.startswith("camera")]
 
@@ -124,7 +124,7 @@ def raw_mosaic(ns: int, image: Any) -> Any:
 def test_a_bayer_mosaic_becomes_colour_and_that_is_said(
     make: Make, kind: str, tmp_path: Path
 ) -> None:
-    frames, record = brought(bag_of(tmp_path / "day", make, kind), tmp_path / "rec")
+    frames, record = run_import(bag_of(tmp_path / "day", make, kind), tmp_path / "rec")
     assert np.abs(frames[0][8:-8, 8:-8].mean(axis=(0, 1)) - [40, 90, 200]).max() < 12
     assert (
         "camera: 31 frames are Bayer mosaics and were converted to colour"
@@ -148,7 +148,7 @@ def test_pictures_are_turned_as_exif_says_unless_a_camera_info_describes_them(
     tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     bag = bag_of(tmp_path / "day", with_exif(6))
-    frames, record = brought(bag, tmp_path / "rec")
+    frames, record = run_import(bag, tmp_path / "rec")
     assert frames[7].shape[:2] == (64, 48)
     assert number_of(np.rot90(frames[7])) == 7
     assert "camera: 31 frames were turned upright: EXIF orientation 6" in record["states"]["notes"]
@@ -181,7 +181,7 @@ def test_cut_pictures_that_are_accepted_go_as_far_as_they_do(
     bag = bag_of(tmp_path / "day", cut)
     said = refused("import-bag", bag, *OPTIONS, "--out", tmp_path / "rec")
     assert "/cam: 4 of 31 JPEGs are cut off or damaged, the first at 1.000 s of the clip" in said
-    frames, record = brought(bag, tmp_path / "rec", "--accept", "cut_pictures")
+    frames, record = run_import(bag, tmp_path / "rec", "--accept", "cut_pictures")
     assert [frame.shape for frame in frames] == [(48, 64, 3)] * 31
     assert [one["name"] for one in record["accepted"]] == ["cut_pictures"]
 
@@ -193,7 +193,7 @@ def frozen(ns: int, image: Any) -> Any:
 
 
 def test_one_picture_for_long_is_said_while_the_vut_drives(tmp_path: Path) -> None:
-    frames, record = brought(bag_of(tmp_path / "day", frozen), tmp_path / "rec")
+    frames, record = run_import(bag_of(tmp_path / "day", frozen), tmp_path / "rec")
     assert len(frames) == 31
     assert (
         "camera: one picture 11 times, from 1.000 to 2.000 s of the clip, while the VUT drives: "
@@ -209,5 +209,5 @@ def test_one_picture_is_sound_while_the_vut_stands(tmp_path: Path) -> None:
     bag = bag_of(
         tmp_path / "day", lambda ns, _: jpeg(ns, picture(5)), JPEG, replace(DAY, states=states)
     )
-    _, record = brought(bag, tmp_path / "rec")
+    _, record = run_import(bag, tmp_path / "rec")
     assert not [note for note in record["states"]["notes"] if "one picture" in note]

@@ -67,7 +67,7 @@ def test_a_stamp_that_leaps_takes_the_time_of_receipt_and_that_is_said(tmp_path:
     (said,) = [note for note in provenance.imported.states.notes if "usual distance" in note]
     assert said.startswith("camera: 1 of 121 stamps leave their usual distance to the time of")
     assert "the first at 10.000 s of the clip" in said
-    shown = shown_in(tmp_path / "rec")
+    shown = pictures_in(tmp_path / "rec")
     assert [ns - shown[0][0] for ns, _ in shown] == [k * DAY.frame_step_ns for k in range(121)]
     assert [number for _, number in shown] == list(range(121))
 
@@ -82,7 +82,7 @@ def test_above_one_in_a_hundred_leaps_are_refused_unless_they_are_accepted(
     assert run(bag, tmp_path / "rec", "--accept", "leaping_stamps") == 0
 
 
-def shown_in(bag: Path) -> list[tuple[int, int]]:
+def pictures_in(bag: Path) -> list[tuple[int, int]]:
     """Stamp and number of each picture of a recording."""
     with BagReader(bag) as reader:
         return [(p.stamp_ns, number_of(p.image)) for p in Frames(reader, IMAGE).pictures()]
@@ -106,7 +106,7 @@ def test_a_frame_keeps_the_stamp_of_the_message_that_it_came_in(
     bag = write_bag(tmp_path / "day", messages, sqlite=sqlite, is_sorted=kind != "unordered")
     assert run(bag, tmp_path / "rec") == 0
     stamps_ns = [DAY.zero_ns + k * DAY.frame_step_ns for k in range(121)]
-    assert shown_in(tmp_path / "rec") == list(zip(stamps_ns, range(121), strict=True))
+    assert pictures_in(tmp_path / "rec") == list(zip(stamps_ns, range(121), strict=True))
 
 
 def test_messages_that_change_their_places_during_the_import_are_refused(

@@ -62,13 +62,13 @@ def content(plan: str | None = "phase", places: list[dict[str, Any]] | None = No
     }
 
 
-def made(**more: Any) -> Labels:
+def make_labels(**more: Any) -> Labels:
     return parse_labels(content(**more), "l.json")
 
 
 def test_a_plan_is_read_and_written_as_it_stands(tmp_path: Path) -> None:
     value = content()
-    labels = made()
+    labels = make_labels()
     assert labels.plan == "phase"
     assert [label.at for label in labels.labels] == [
         PhasePosition("approach", 0.5),
@@ -106,7 +106,7 @@ labels:
 
 
 def test_a_file_without_a_plan_is_on_the_clock_and_keeps_its_hash() -> None:
-    old, said = made(plan=None), made(plan="clock")
+    old, said = make_labels(plan=None), make_labels(plan="clock")
     assert old.plan == said.plan == "clock"
     assert old == said
     assert all(label.at is None for label in old.labels)
@@ -188,10 +188,10 @@ def test_the_check_names_labels_that_are_not_where_their_plan_has_them(
 
 
 def test_domains_compare_by_equal_places_or_by_equal_numbers_on_the_clock() -> None:
-    one, other = made(), made()
-    later = made(places=[*AT[:3], {"phase": "resolution", "s": 0.75}])
-    more = made(places=[*AT, {"phase": "resolution", "s": 0.75}])
-    clock, short = made(plan=None), made(plan=None, places=AT[:3])
+    one, other = make_labels(), make_labels()
+    later = make_labels(places=[*AT[:3], {"phase": "resolution", "s": 0.75}])
+    more = make_labels(places=[*AT, {"phase": "resolution", "s": 0.75}])
+    clock, short = make_labels(plan=None), make_labels(plan=None, places=AT[:3])
     assert phase_counts(more) == {"approach": 1, "trigger": 1, "conflict": 1, "resolution": 2}
 
     def verdict(**labels: Labels) -> tuple[bool, bool]:
@@ -218,7 +218,7 @@ def test_domains_compare_by_equal_places_or_by_equal_numbers_on_the_clock() -> N
 
 
 def test_scenarios_are_compared_each_by_itself() -> None:
-    one, more = made(), made(places=[*AT, {"phase": "resolution", "s": 0.75}])
+    one, more = make_labels(), make_labels(places=[*AT, {"phase": "resolution", "s": 0.75}])
     found = compare_by_scenario(
         [
             ("b", "synthetic", one),

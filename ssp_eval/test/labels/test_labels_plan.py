@@ -128,7 +128,7 @@ def test_n_is_raised_until_the_frames_shown_are_near_enough() -> None:
     lost = Timeline("lost", 5.0, 5.4, 6.6, crop, [s for s in stamps if not 5.5 < s < 5.7])
     plan = plan_labels([lost])
     assert counts(plan) == (3, 1, 3, 2)
-    shown = [lost.shown_s(lost.time_of(at)) for at in plan.at[3:7]]
+    shown = [lost.newest_frame_s(lost.time_of(at)) for at in plan.at[3:7]]
     assert shown == [5.15, 5.45, 5.95, 6.35]
     # Whoever is planned with it has as many.
     assert plan_labels([whole, lost]) == plan

@@ -51,7 +51,7 @@ def truth(
     return Truth(**{**given, **more})  # type: ignore[arg-type]  # a dictionary of fields
 
 
-def seen_by(source: Truth, observable: Observable | None) -> Truth:
+def with_observable(source: Truth, observable: Observable | None) -> Truth:
     return replace(source, rules=replace(source.rules, observable=observable))
 
 
@@ -107,7 +107,7 @@ def occluded(trigger_s: float = 4.0, truck: bool = True) -> Truth:
 
 @pytest.mark.parametrize("observable", ["braking", None])
 def test_a_lead_vehicle_that_brakes(observable: Observable | None) -> None:
-    proposal = propose(seen_by(lead_braking(), observable))
+    proposal = propose(with_observable(lead_braking(), observable))
     event = proposal.event
     assert event.trigger_s == pytest.approx(4.0, abs=STEP_S)
     assert event.arrival_s == event.trigger_s
@@ -128,9 +128,9 @@ def test_a_touch_of_the_brake_is_no_manoeuvre(touch_s: float, trigger_s: float) 
 
 def test_braking_is_looked_for_only_where_it_is_the_event() -> None:
     with pytest.raises(InputError, match="from the side"):
-        propose(seen_by(lead_braking(), "lateral"))
+        propose(with_observable(lead_braking(), "lateral"))
     with pytest.raises(InputError, match="brakes ahead"):
-        propose(seen_by(occluded(), "braking"))
+        propose(with_observable(occluded(), "braking"))
 
 
 def test_braking_behind_the_vut_is_none() -> None:

@@ -320,15 +320,15 @@ def test_a_vut_whose_road_bends_is_given_what_lies_along_it() -> None:
     assert labels[0] == ("front_right", "crossing_from_right", ("straight",))
 
 
-def made(labels: Labels, spacing_s: float) -> Labels:
+def with_spacing(labels: Labels, spacing_s: float) -> Labels:
     shifted = tuple(replace(x, t_s=k * spacing_s) for k, x in enumerate(labels.labels))
     return replace(labels, labels=shifted, risk_time_s=0.0)
 
 
 def test_unattainable_risk_response_is_noticed() -> None:
     labels = propose(cut_in()).labels
-    assert response_problems(made(labels, 0.6)) == []
-    assert "0.7 s apart" in response_problems(made(labels, 0.7))[0]
+    assert response_problems(with_spacing(labels, 0.6)) == []
+    assert "0.7 s apart" in response_problems(with_spacing(labels, 0.7))[0]
     late = replace(labels, risk_time_s=labels.labels[-1].t_s)
     assert "needs two" in response_problems(late)[0]
     keep = tuple(replace(x, lon_actions=("maintain",)) for x in labels.labels)

@@ -17,7 +17,7 @@ from ssp_core.files.writing import write_json, write_text
 from ssp_core.vocabulary import MOTIONS, OBJECTS
 from ssp_eval.observations.files import Footage, load_observations
 from ssp_eval.observations.model import REASONS, Answers, LaneWord, PlaceWord, RelationWord, leaves
-from ssp_eval.observations.page import chosen
+from ssp_eval.observations.page import select_frames
 from ssp_eval.observations.questions import Card, blank, cards
 from ssp_scenario_manager.event_spec.log import read_log
 from ssp_scenario_manager.event_spec.model import SegmentWord
@@ -73,12 +73,12 @@ def test_enough_frames_are_shown_and_not_too_many(
     count: int, period_s: float, span: tuple[float, ...], found: list[int]
 ) -> None:
     footage = Footage("", tuple(k * period_s for k in range(count)))
-    assert chosen(footage, *span) == found
+    assert select_frames(footage, *span) == found
 
 
 def test_frames_before_the_start_are_not_shown() -> None:
     footage = Footage("", tuple(0.1 * k - 0.5 for k in range(20)))
-    assert chosen(footage, 10.0)[0] == 5
+    assert select_frames(footage, 10.0)[0] == 5
 
 
 def test_a_template_says_no_answer_and_is_filled_in_with_an_editor(
@@ -249,7 +249,7 @@ def name(browser: Browser, who: str) -> None:
     browser.evaluate("document.activeElement.blur()")
 
 
-def shown(browser: Browser) -> int:
+def frame_number(browser: Browser) -> int:
     return int(browser.evaluate("FRAMES[now].n"))
 
 
@@ -263,10 +263,10 @@ def test_a_person_fills_in_the_page_saves_and_seals_it(
     downloads = tmp_path / "downloads"
     browser.ask("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(downloads))
     browser.go(page_of(run).as_uri())
-    first = shown(browser)
+    first = frame_number(browser)
     assert first == 5  # those before the session's start aren't shown
     browser.press("ArrowRight", "ArrowRight", 39)
-    assert shown(browser) == first + 1
+    assert frame_number(browser) == first + 1
     browser.press("ArrowLeft", "ArrowLeft", 37)
 
     browser.click("#save")

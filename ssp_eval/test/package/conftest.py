@@ -155,13 +155,13 @@ BESIDE_AUDITS = ("audit", "cell", "score", "raw", "records", "requests", "log_me
 
 
 @pytest.fixture(scope="session")
-def judged() -> dict[object, tuple[Audit, PagePictures]]:
+def audit_cache() -> dict[object, tuple[Audit, PagePictures]]:
     """Audits made again in these tests, by the content that they were made from."""
     return {}
 
 
 @pytest.fixture(autouse=True, scope="module")
-def judged_once(judged: dict[object, tuple[Audit, PagePictures]]) -> Iterator[None]:
+def cached_audits(audit_cache: dict[object, tuple[Audit, PagePictures]]) -> Iterator[None]:
     """The same recordings are judged once: most tests change what is written of them."""
     again = verify.judge_again
 
@@ -179,9 +179,9 @@ def judged_once(judged: dict[object, tuple[Audit, PagePictures]]) -> Iterator[No
             None if event is None else event.model_dump_json(),
             None if limits is None else limits.model_dump_json(),
         )
-        if key not in judged:
-            judged[key] = again(contents, places, event, limits, scratch)
-        return judged[key]
+        if key not in audit_cache:
+            audit_cache[key] = again(contents, places, event, limits, scratch)
+        return audit_cache[key]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(verify, "judge_again", remembered)

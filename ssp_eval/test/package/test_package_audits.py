@@ -65,7 +65,7 @@ def unpair(value: Value) -> None:
         entry["status"] = "unpaired"
 
 
-def found_in(package: Path, path: str) -> list[Finding]:
+def findings_in(package: Path, path: str) -> list[Finding]:
     return [f for f in verify_package(package).findings if f.file == path]
 
 
@@ -117,7 +117,7 @@ def test_a_forged_value_is_named_with_what_rests_on_it(
 
 def test_forged_statuses_come_first(package: Path) -> None:
     replace(package, AUDIT, unpair)
-    texts = [f.text for f in found_in(package, AUDIT)]
+    texts = [f.text for f in findings_in(package, AUDIT)]
     assert texts == [
         f'recordings[{n}].status: says "unpaired", and the recordings give "admitted"'
         for n in range(3)
@@ -176,7 +176,7 @@ def test_a_refusal_that_was_wiped_out_is_caught(
 def test_labels_may_be_reviewed_after_the_audit_that_counted_them(package: Path) -> None:
     path = f"{RUNS}simulation/labels.json"
     replace(package, path, lambda value: value["labels"].pop())
-    assert found_in(package, AUDIT) == []
+    assert findings_in(package, AUDIT) == []
 
 
 def test_a_verdict_is_bound_to_audit_and_cell(package: Path) -> None:
@@ -216,6 +216,6 @@ def test_paths_that_cannot_lie_side_by_side_are_a_finding(package: Path) -> None
 
 def test_recordings_in_another_order_are_a_finding(package: Path) -> None:
     replace(package, AUDIT, lambda value: value["recordings"].reverse())
-    texts = [f.text for f in found_in(package, AUDIT)]
+    texts = [f.text for f in findings_in(package, AUDIT)]
     assert any("in its place stands synthetic" in text for text in texts), texts
     assert not any("ssp-package-" in text for text in texts)

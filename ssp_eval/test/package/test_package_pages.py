@@ -54,7 +54,7 @@ def edit(package: Path, path: str, change: Callable[[str], str]) -> None:
     (package / "package.json").write_bytes(table_bytes(sealed(Package.model_validate(table))))
 
 
-def found_in(package: Path, path: str) -> list[str]:
+def texts_in(package: Path, path: str) -> list[str]:
     findings = verify_package(package).findings
     assert {finding.file for finding in findings} <= {path}
     return [finding.text for finding in findings]
@@ -68,7 +68,7 @@ def test_pages_that_follow_from_the_files_are_sound(paged: Path) -> None:
 @pytest.mark.parametrize("path", [AUDIT_PAGE, REPORT])
 def test_a_stand_in_that_is_taken_out_of_a_page_is_found(own_paged: Path, path: str) -> None:
     edit(own_paged, path, lambda page: page.replace("stand-in", "vehicle", 1))
-    (text,) = found_in(own_paged, path)
+    (text,) = texts_in(own_paged, path)
     assert "vehicle" in text
     assert "and the files of the package give" in text
 
@@ -90,7 +90,7 @@ def test_a_picture_of_something_else_is_found(own_paged: Path) -> None:
         return before + marker + base64.b64encode(data).decode() + after[after.index('"') :]
 
     edit(own_paged, AUDIT_PAGE, other_picture)
-    (text,) = found_in(own_paged, AUDIT_PAGE)
+    (text,) = texts_in(own_paged, AUDIT_PAGE)
     assert text == "shows another picture than the package holds: number 1 of the page"
 
 
@@ -104,13 +104,13 @@ def carrying(page: str, **changed: object) -> str:
 
 def test_options_that_a_page_was_not_made_with_are_found(own_paged: Path) -> None:
     edit(own_paged, REPORT, lambda page: carrying(page, expected=["cut_in", "vru_crossing"]))
-    (text,) = found_in(own_paged, REPORT)
+    (text,) = texts_in(own_paged, REPORT)
     assert "the files of the package give" in text
 
 
 def test_a_page_that_says_no_options_is_found(own_paged: Path) -> None:
     edit(own_paged, REPORT, lambda page: page.replace("ssp-report", "ssp-other", 1))
-    (text,) = found_in(own_paged, REPORT)
+    (text,) = texts_in(own_paged, REPORT)
     assert text.startswith("doesn't say by which options it was made")
 
 
@@ -133,7 +133,7 @@ def test_details_beside_a_large_page_are_compared(
     assert verify_package(tmp_path / "package").findings == []
     path = f"demo/{details[0].relative_to(campaign)}"
     edit(tmp_path / "package", path, lambda text: text.replace("maintain", "brake", 1))
-    assert len(found_in(tmp_path / "package", path)) == 1
+    assert len(texts_in(tmp_path / "package", path)) == 1
 
 
 def picture(level: int) -> str:

@@ -75,7 +75,9 @@ def drive() -> Drive:
     return Drive(tuple(moments), tuple(pictures), optics, board.road)
 
 
-def drawn(road: Road, vut: Sequence[ObjectState], board: Storyboard, step_s: float = 0.1) -> Drive:
+def render_drive(
+    road: Road, vut: Sequence[ObjectState], board: Storyboard, step_s: float = 0.1
+) -> Drive:
     """Frames of a VUT alone on a road."""
     camera = board.camera.model_copy(update={"width_px": SIZE_PX[0], "height_px": SIZE_PX[1]})
     moments, pictures = [], []
@@ -112,7 +114,7 @@ def turning_drive(bend_1pm: float) -> Drive:
             "stamp_ns": seconds_to_ns(0.1 * k),
         }
         vut.append(replace(board.vut.state(0.0), **at))
-    return drawn(road, vut, board)
+    return render_drive(road, vut, board)
 
 
 @pytest.mark.parametrize("bend_1pm", [1.0 / 60.0, -1.0 / 40.0])
@@ -120,37 +122,37 @@ def test_pictures_of_a_turn_hold_and_their_mirror_images_turn_the_other_way(
     bend_1pm: float,
 ) -> None:
     turn = turning_drive(bend_1pm)
-    found = held(turn)
+    found = checks_of(turn)
     assert {name: check.told for name, check in found.items() if check.state == "fails"} == {}
     assert found["speed"].figure == pytest.approx(1.0, abs=0.05)
     assert (found["course of the speed"].figure or 0.0) >= 0.9
     assert found["turning"].figure == pytest.approx(1.0, abs=0.1)
-    mirrored = held(_mirrored(turn))
+    mirrored = checks_of(_mirrored(turn))
     assert mirrored["turning"].state == "fails"
     assert mirrored["turning"].figure == pytest.approx(-1.0, abs=0.1)
 
 
-def held(drive: Drive) -> dict[str, PictureCheck]:
+def checks_of(drive: Drive) -> dict[str, PictureCheck]:
     small = {index: coarse(picture) for index, picture in enumerate(drive.pictures)}
     repeated = frozenset[int]()
     if has_many_repeats(small, drive.moments, "vut"):
         repeated = repeated_frames(small, drive.moments, "vut")
     plan = plan_pairs(drive.moments, drive.optics, "vut", ["ot1"], repeated)
-    grey = {index: reduced(drive.pictures[index]) for index in plan.wanted}
+    grey = {index: reduced(drive.pictures[index]) for index in plan.frame_indices}
     footage = Footage(drive.moments, grey, drive.optics, "vut")
     return {check.name: check for check in compare_pictures(footage, plan, drive.road).checks}
 
 
 def failing(drive: Drive) -> set[str]:
-    return {name for name, check in held(drive).items() if check.state == "fails"}
+    return {name for name, check in checks_of(drive).items() if check.state == "fails"}
 
 
 def test_pictures_of_these_states_hold(drive: Drive) -> None:
-    found = held(drive)
+    found = checks_of(drive)
     assert {name: check.told for name, check in found.items() if check.state == "fails"} == {}
     assert {"speed", "ot1"} <= {n for n, check in found.items() if check.state == "holds"}
     assert found["speed"].figure == pytest.approx(1.0, abs=0.1)
-    assert held(drive) == found
+    assert checks_of(drive) == found
 
 
 def _mirrored(drive: Drive) -> Drive:
@@ -164,10 +166,10 @@ def test_lanes_tell_a_mirrored_picture_where_nothing_turns_and_no_object_is_asid
     """The object is left out: a straight road with a VUT alone."""
     alone = tuple(Moment(m.t_s, {"vut": m.states["vut"]}) for m in drive.moments)
     straight = replace(drive, moments=alone)
-    found = held(straight)[SIDES]
+    found = checks_of(straight)[SIDES]
     assert found.state == "holds"
     assert failing(_mirrored(straight)) == {SIDES}
-    mirrored = held(_mirrored(straight))[SIDES]
+    mirrored = checks_of(_mirrored(straight))[SIDES]
     # Reasons stand in pages as they are.
     assert html.escape(mirrored.told) == mirrored.told
     assert mirrored.figure == pytest.approx(-(found.figure or 0.0), abs=0.01)
@@ -192,13 +194,13 @@ def test_lanes_that_are_alike_on_both_sides_or_not_known_tell_nothing_and_say_so
         (None, "the recording has no road whose lanes could tell left from right"),
         (one_lane, "the lanes of the road are alike to the left and right of the VUT"),
     ):
-        found = held(replace(straight, road=road))[SIDES]
+        found = checks_of(replace(straight, road=road))[SIDES]
         assert (found.state, found.told) == (
             "not judged",
             f"{why}; nothing else does, so that mirrored pictures would not be seen",
         )
     # The pedestrian of the whole drive walks on one side of the picture.
-    found = held(replace(drive, road=None))[SIDES]
+    found = checks_of(replace(drive, road=None))[SIDES]
     assert found.told.endswith("; the place of ot1 does")
 
 
@@ -242,8 +244,8 @@ def shaded(drive: Drive, from_left_m: float, to_left_m: float) -> Drive:
 def test_a_shadow_that_moves_with_its_object_is_not_taken_for_the_road(drive: Drive) -> None:
     """A low sun lays it across one half of the road; on both halves nothing speaks for the road."""
     one_half = shaded(drive, -4.5, -0.5)
-    assert held(one_half)["speed"].figure == pytest.approx(1.0, abs=0.1)
-    assert held(one_half)["course of the speed"].state == "holds"
+    assert checks_of(one_half)["speed"].figure == pytest.approx(1.0, abs=0.1)
+    assert checks_of(one_half)["course of the speed"].state == "holds"
     assert "speed" in failing(shaded(drive, -4.5, 4.5))
 
 
@@ -285,7 +287,7 @@ def test_a_slower_camera_whose_frames_are_repeated_is_judged_by_those_that_diffe
 ) -> None:
     """A camera of 5 Hz that was recorded at 10 Hz, as an encoder may leave it."""
     twice = _with(lambda all_: _twice(all_, noise_levels))(drive)
-    found = held(twice)
+    found = checks_of(twice)
     assert {name: check.told for name, check in found.items() if check.state == "fails"} == {}
     assert found["speed"].figure == pytest.approx(1.0, abs=0.1)
     assert "ot1" in failing(_mirrored(twice))
@@ -294,17 +296,17 @@ def test_a_slower_camera_whose_frames_are_repeated_is_judged_by_those_that_diffe
 
 
 def test_frames_that_repeat_are_found_while_the_vut_moves(drive: Drive) -> None:
-    def found(pictures: list[Grey]) -> frozenset[int]:
+    def repeats_in(pictures: list[Grey]) -> frozenset[int]:
         small = {index: coarse(one) for index, one in enumerate(pictures)}
         return repeated_frames(small, drive.moments, "vut")
 
     frames = list(drive.pictures)
     moves = {k for k, m in enumerate(drive.moments) if m.states["vut"].speed_mps >= 2.0}
-    assert found(frames) == frozenset()
-    assert found(_twice(frames)) == {k for k in moves if k % 2}
+    assert repeats_in(frames) == frozenset()
+    assert repeats_in(_twice(frames)) == {k for k in moves if k % 2}
     # A picture that stays for longer than 0.3 s is none of a slower camera.
-    assert found(frames[:5] + [frames[5]] * 4 + frames[9:]) == {6, 7, 8}
-    assert found(frames[:5] + [frames[5]] * 5 + frames[10:]) == frozenset()
+    assert repeats_in(frames[:5] + [frames[5]] * 4 + frames[9:]) == {6, 7, 8}
+    assert repeats_in(frames[:5] + [frames[5]] * 5 + frames[10:]) == frozenset()
     some = sampled_frames(drive.moments, "vut")
     for pictures, often in ((frames, False), (_twice(frames), True)):
         small = {index: coarse(pictures[index]) for index in some}
@@ -316,7 +318,7 @@ def test_an_object_that_the_pictures_do_not_hold_is_missed(drive: Drive) -> None
         Moment(m.t_s, {**m.states, "ot1": replace(m.states["ot1"], y_m=m.states["ot1"].y_m + 3.0)})
         for m in drive.moments
     )
-    elsewhere = held(replace(drive, moments=moments))
+    elsewhere = checks_of(replace(drive, moments=moments))
     assert elsewhere["ot1"].state == "fails"
     # Places from other systems may be off, so this figure refuses nothing.
     assert elsewhere["place of ot1"].state == "shown"
@@ -326,14 +328,14 @@ def test_what_shows_too_little_is_not_judged_and_says_so(drive: Drive) -> None:
     night = _with(lambda all_: [np.asarray(one // 40, np.uint8) for one in all_])(drive)
     grey = _with(lambda all_: [np.full_like(one, 120) for one in all_])(drive)
     for changed, why in ((night, "the pictures are dark"), (grey, "the pictures show nothing")):
-        found = held(changed)
+        found = checks_of(changed)
         assert {check.state for check in found.values()} == {"not judged"}
         assert all(check.told.startswith(why) for check in found.values())
 
 
 def test_pictures_that_are_too_small_say_so(drive: Drive) -> None:
     small = [cv2.resize(one, (96, 54), interpolation=cv2.INTER_AREA) for one in drive.pictures]
-    (told,) = {check.told for check in held(_with(lambda _: small)(drive)).values()}
+    (told,) = {check.told for check in checks_of(_with(lambda _: small)(drive)).values()}
     assert told == "the pictures are too small: 96 px wide, needed are 240"
 
 
@@ -341,7 +343,7 @@ def test_a_vut_that_stands_says_so(drive: Drive) -> None:
     first = drive.moments[0].states
     moments = tuple(Moment(m.t_s, {**m.states, "vut": first["vut"]}) for m in drive.moments)
     stands = replace(drive, moments=moments, pictures=(drive.pictures[0],) * len(moments))
-    found = held(stands)["speed"]
+    found = checks_of(stands)["speed"]
     assert (found.state, found.told) == (
         "not judged",
         "the VUT stands or creeps in all but 0 pairs of frames",
@@ -398,7 +400,7 @@ def test_a_delay_beyond_the_limit_counts_only_where_no_sound_one_fits_as_well() 
 
 def test_the_speed_seen_is_finer_than_the_ways_that_were_tried() -> None:
     assert blurred(0.0, 12.0, 12.34).refined_mps == pytest.approx(12.34, abs=0.05)
-    assert blurred(0.0, 12.0, 12.34).seen_mps == pytest.approx(12.0)
+    assert blurred(0.0, 12.0, 12.34).picture_mps == pytest.approx(12.0)
     # At an end of what was tried there is no parabola.
     assert blurred(0.0, 12.0, 70.0).refined_mps == pytest.approx(60.0)
 

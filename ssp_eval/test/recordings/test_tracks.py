@@ -50,7 +50,7 @@ def resampled(tracks: Tracks, hz: float) -> Tracks:
     return each(tracks, change)
 
 
-def kept(tracks: Tracks, choose: Callable[[Track], np.ndarray]) -> Tracks:
+def select(tracks: Tracks, choose: Callable[[Track], np.ndarray]) -> Tracks:
     def change(track: Track) -> Track:
         chosen = choose(track)
         return Track(track.times_s[chosen], track.places_m[chosen])
@@ -86,9 +86,9 @@ COPIES: dict[str, Callable[[Tracks], Tracks]] = {
     "at 10 Hz, mirrored and turned": lambda tracks: each(
         resampled(tracks, 10.0), lambda t: moved(Track(t.times_s - 1.4, t.places_m.conj()))
     ),
-    "its first part": lambda tracks: kept(tracks, lambda t: t.times_s < 9.0),
-    "its last part": lambda tracks: kept(tracks, lambda t: t.times_s > 4.0),
-    "states left out": lambda tracks: kept(
+    "its first part": lambda tracks: select(tracks, lambda t: t.times_s < 9.0),
+    "its last part": lambda tracks: select(tracks, lambda t: t.times_s > 4.0),
+    "states left out": lambda tracks: select(
         tracks, lambda t: np.random.default_rng(len(t)).random(len(t)) > 0.3
     ),
     "places rounded to 1 cm": lambda tracks: each(
@@ -145,6 +145,6 @@ def test_straight_lines_at_constant_speed_tell_nothing() -> None:
 
 
 def test_less_than_five_seconds_of_motion_tell_nothing() -> None:
-    short = kept(drive(5), lambda t: (t.times_s > 5.0) & (t.times_s < 9.0))
+    short = select(drive(5), lambda t: (t.times_s > 5.0) & (t.times_s < 9.0))
     assert same_drive(short, short, VUT) is None
     assert same_drive({}, short, VUT) is None

@@ -20,7 +20,7 @@ from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.clients.model_client import InProcessClients
 from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.store.admission import kept_audits, load_admissions
+from ssp_eval.evaluate.store.admission import audit_files, load_admissions
 from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.report.page import write_report
 from ssp_eval.score.thresholds import DEFAULT, thresholds_of
@@ -296,7 +296,7 @@ def test_an_interrupted_run_leaves_no_cell_json_and_is_gone_on_with(
 
 def test_the_audit_that_cells_go_by_is_kept_once(made: Path) -> None:
     evaluated(made / "bag", made / "out", made / "audit.json")
-    (kept,) = kept_audits(made / "out").values()
+    (kept,) = audit_files(made / "out").values()
     assert kept.read_bytes() == (made / "audit.json").read_bytes()
 
 

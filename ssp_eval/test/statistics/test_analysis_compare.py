@@ -152,7 +152,7 @@ def test_orders_under_random_weights_by_a_closed_form():
         row("s", "physical", "c", 1.0, rsr=1),
     ]
     found = sample_weights(rows, "model", SEED, 8000)
-    orders = {(one.first, one.second): one.held for one in found.pairs}
+    orders = {(one.first, one.second): one.share for one in found.pairs}
     assert orders[("b", "a")] == pytest.approx(0.5, abs=0.02)
     # c is at least as good in everything: its order holds under whatever weights.
     assert orders[("c", "a")] == orders[("c", "b")] == 1.0

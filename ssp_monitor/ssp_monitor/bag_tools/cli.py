@@ -17,7 +17,7 @@ from ssp_core.console import note, out, progress
 from ssp_monitor.bag_tools.export import export_command
 from ssp_monitor.bag_tools.info import info_command, topics_text
 from ssp_monitor.bag_tools.record import record_command
-from ssp_monitor.bag_tools.selection import chosen_span, chosen_topics, span_options
+from ssp_monitor.bag_tools.selection import select_span, select_topics, span_options
 
 BAG = click.Path(path_type=Path)
 as_json = click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
@@ -97,8 +97,8 @@ def cut_command(
     when the span begins; video begins at the keyframe before it.
     """
     with open_bag(source) as bag:
-        start_ns, stop_ns = chosen_span(bag, start, end)
-        topic_names = chosen_topics(bag, topics, exclude)
+        start_ns, stop_ns = select_span(bag, start, end)
+        topic_names = select_topics(bag, topics, exclude)
     with progress("cutting", None) as bar:
         task = bar.task_ids[0]
         report = cut_bag(

@@ -23,7 +23,7 @@ from ssp_core.cdr.images import ImageMessage
 from ssp_core.console import note, out, progress
 from ssp_core.errors import HostError, InputError
 from ssp_core.files.folders import new_folder
-from ssp_monitor.bag_tools.selection import chosen_span, chosen_topics, span_options
+from ssp_monitor.bag_tools.selection import select_span, select_topics, span_options
 from ssp_monitor.bag_tools.tables import CsvFile, Layout, layout_of
 
 Span = tuple[int | None, int | None]  # log times, ns
@@ -166,7 +166,7 @@ class FileNames:
     """Gives each topic one name that no other has, also where large and small are the same."""
 
     def __init__(self) -> None:
-        self._taken: set[str] = set()
+        self._names: set[str] = set()
 
     def of(self, topic: str) -> str:
         """Return a name of letters, digits, ``_``, ``-`` and ``.``, such as ``ssp.vut.state``.
@@ -177,10 +177,10 @@ class FileNames:
         joined = ".".join(_UNUSUAL.sub("_", part) for part in parts)
         name = joined.strip(".-")  # no hidden file, and none that a program takes for an option
         plain = name == joined and all(part and not _UNUSUAL.search(part) for part in parts)
-        if not plain or len(name) > _MOST_CHARACTERS or name.lower() in self._taken:
+        if not plain or len(name) > _MOST_CHARACTERS or name.lower() in self._names:
             digest = hashlib.sha256(topic.encode("utf-8", "surrogatepass")).hexdigest()[:12]
             name = f"{name[:_MOST_CHARACTERS] or 'topic'}-{digest}"
-        self._taken.add(name.lower())
+        self._names.add(name.lower())
         return name
 
 
@@ -392,8 +392,8 @@ def export_command(
     if not (frames or video or csv):
         raise click.UsageError("nothing to export: give --frames, --video or --csv")
     with BagReader(source) as bag:
-        span = chosen_span(bag, start, end)
-        topic_names = chosen_topics(bag, topics, exclude)
+        span = select_span(bag, start, end)
+        topic_names = select_topics(bag, topics, exclude)
         with progress("exporting", None) as bar:
             task = bar.task_ids[0]
             export = Export(

@@ -291,7 +291,7 @@ def recording_report(bag: BagReader) -> dict[str, Any] | None:
     return report if report.get("schema") == SCHEMA else None
 
 
-def told(report: dict[str, Any]) -> list[str]:
+def report_sentences(report: dict[str, Any]) -> list[str]:
     """Put the report into sentences: first whether anything is missing, then where.
 
     Raises:
@@ -358,7 +358,7 @@ def info_command(path: Path, json_: bool) -> None:
         whole = report.get("written")
         cut = "" if whole == summary.count else f", of which this bag is a part ({whole} messages)"
         out.print(f"recording{cut}", markup=False)
-        for line in told(report):
+        for line in report_sentences(report):
             out.print(f"  {line}", markup=False)
 
 

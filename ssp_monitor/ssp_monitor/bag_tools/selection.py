@@ -82,7 +82,7 @@ def parse_time(text: str, field: str, start_ns: int, end_ns: int) -> int:
     return max(0, end_ns - offset_ns) if sign == "-" else start_ns + offset_ns
 
 
-def chosen_span(
+def select_span(
     bag: BagReader, start: str | None, end: str | None
 ) -> tuple[int | None, int | None]:
     """Return the first log time, and the first that no longer belongs; None where not given.
@@ -119,7 +119,7 @@ def chosen_span(
     return start_ns, None if end_ns is None else end_ns + 1
 
 
-def chosen_topics(bag: BagReader, only: Sequence[str], exclude: Sequence[str]) -> list[str]:
+def select_topics(bag: BagReader, only: Sequence[str], exclude: Sequence[str]) -> list[str]:
     """Return the bag's topics that were asked for, by name.
 
     Raises:

@@ -58,11 +58,11 @@ class AccessRules:
     """The rules of access to the page.
 
     Args:
-        bound: the address that the server was bound to, as it was given.
+        bind_address: the address that the server was bound to, as it was given.
         own_names: names of this machine, under which it may be addressed when it isn't on loopback.
     """
 
-    bound: str
+    bind_address: str
     port: int
     token: str
     own_names: tuple[str, ...] = ()
@@ -70,7 +70,7 @@ class AccessRules:
     @property
     def open_to_read(self) -> bool:
         """Tell whether reading needs no token, since only this machine can."""
-        return is_loopback(self.bound)
+        return is_loopback(self.bind_address)
 
     def knows_host(self, host: str | None) -> bool:
         """Tell whether a request's Host names this server by an address or a name that is its own.
@@ -87,7 +87,7 @@ class AccessRules:
             return is_loopback(name)
         if address is not None:
             return True
-        return name in (*_LOOPBACK_NAMES, self.bound, *self.own_names)
+        return name in (*_LOOPBACK_NAMES, self.bind_address, *self.own_names)
 
     def knows_origin(self, origin: str | None, host: str, fetch_site: str | None) -> bool:
         """Tell whether a request comes from this page, or from no page at all (a program)."""

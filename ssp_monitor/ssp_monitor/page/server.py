@@ -130,7 +130,11 @@ class PageServer:
     @property
     def url(self) -> str:
         """Return its address, without the token."""
-        host = f"[{self.door.bound}]" if ":" in self.door.bound else self.door.bound
+        host = (
+            f"[{self.door.bind_address}]"
+            if ":" in self.door.bind_address
+            else self.door.bind_address
+        )
         return f"http://{host}:{self.door.port}/"
 
     @property

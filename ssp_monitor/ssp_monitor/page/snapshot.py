@@ -167,7 +167,7 @@ class Snapshots:
         """Return all remembered events, newest first."""
         zero_ns = self._board.session.started_ns
         return {
-            "events_seen": self._board.events.seen,
+            "events_seen": self._board.events.count,
             "events": [_event(n, event, zero_ns) for n, event in reversed(self._board.events)],
         }
 

@@ -169,8 +169,8 @@ class Echoes:
 
     def __init__(self) -> None:
         self._sent = 0
-        self._heard = asyncio.Event()
-        self._heard_ns = 0
+        self._echo = asyncio.Event()
+        self._echo_ns = 0
         self.late = False
 
     def mark(self, filled_ns: int) -> str:
@@ -185,8 +185,8 @@ class Echoes:
         """
         now_ns = time.monotonic_ns()
         self._sent += 1
-        self._heard.clear()
-        held_s = (now_ns - self._heard_ns) / 1e9 if self._heard_ns else 0.0
+        self._echo.clear()
+        held_s = (now_ns - self._echo_ns) / 1e9 if self._echo_ns else 0.0
         waited_s = (now_ns - filled_ns) / 1e9 if filled_ns else 0.0
         return json.dumps(
             {"type": "mark", "n": self._sent, "held_s": round(held_s - waited_s, 3)},
@@ -195,16 +195,16 @@ class Echoes:
 
     def hear(self, text: object) -> bool:
         """Tell whether this is the echo that is waited for; each counts once."""
-        if _object_of(text) != {"echo": self._sent} or self._heard.is_set():
+        if _object_of(text) != {"echo": self._sent} or self._echo.is_set():
             return False
-        self._heard_ns = time.monotonic_ns()
-        self._heard.set()
+        self._echo_ns = time.monotonic_ns()
+        self._echo.set()
         return True
 
     async def wait(self) -> None:
         """Wait until the last bundle is confirmed. Raise TimeoutError when it takes too long."""
         try:
-            await asyncio.wait_for(self._heard.wait(), ECHO_S)
+            await asyncio.wait_for(self._echo.wait(), ECHO_S)
         except TimeoutError:
             self.late = True
             raise

@@ -40,14 +40,14 @@ class WriteRate:
     A recording's first seconds count as a part of this time: one burst at the beginning is no rate.
     """
 
-    _seen: deque[tuple[float, int]] = field(default_factory=deque)
+    _totals: deque[tuple[float, int]] = field(default_factory=deque)
 
     def note(self, now_s: float, total_bytes: int) -> float:
         """Note what was written until now and return the rate."""
-        self._seen.append((now_s, total_bytes))
-        while len(self._seen) > 2 and now_s - self._seen[1][0] >= RATE_WINDOW_S:
-            self._seen.popleft()
-        then_s, then_bytes = self._seen[0]
+        self._totals.append((now_s, total_bytes))
+        while len(self._totals) > 2 and now_s - self._totals[1][0] >= RATE_WINDOW_S:
+            self._totals.popleft()
+        then_s, then_bytes = self._totals[0]
         return (total_bytes - then_bytes) / max(now_s - then_s, RATE_WINDOW_S)
 
 

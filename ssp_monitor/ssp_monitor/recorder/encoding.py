@@ -33,7 +33,7 @@ class VideoChoice:
 
     def encoder(self, topic: str, msgtype: str) -> VideoEncoder | None:
         """Return an encoder for a topic, None when it is recorded as it comes."""
-        if msgtype not in PICTURES or not self.topics.found_in(topic):
+        if msgtype not in PICTURES or not self.topics.occurs_in(topic):
             return None
         # Codecs are large: who records no video doesn't load them.
         from ssp_monitor.recorder.video_encoder import VideoEncoder

@@ -29,7 +29,7 @@ class Arrivals:
 
     Args:
         gaps: messages missing between two that arrived.
-        told: messages that the middleware says it could not deliver.
+        middleware_losses: messages that the middleware says it could not deliver.
         behind: messages missing behind the last one that arrived.
         returned: how often a publisher spoke again after another one had; of one that ended and
             one that took its place it is never.
@@ -37,7 +37,7 @@ class Arrivals:
 
     received: int = 0
     gaps: int = 0
-    told: int = 0
+    middleware_losses: int = 0
     behind: int = 0
     returned: int = 0
     _newest: bytes = b""
@@ -45,14 +45,14 @@ class Arrivals:
 
     @property
     def lost(self) -> int:
-        return max(self.gaps, self.told) + self.behind
+        return max(self.gaps, self.middleware_losses) + self.behind
 
     @property
     def publishers(self) -> int:
         """Count the different publishers that were heard."""
         return len(self._last)
 
-    def seen(self, publisher: bytes, sequence: int) -> int:
+    def note(self, publisher: bytes, sequence: int) -> int:
         """Note a message that arrived and return how many are missing right before it.
 
         Args:
@@ -130,7 +130,7 @@ class RivalWatch:
     def __init__(self, alone: Set[str]) -> None:
         self._alone = alone
         self._before: Mapping[str, int] | None = None
-        self._found: set[str] = set()
+        self._rivals: set[str] = set()
 
     def begin(self, returned: Mapping[str, int]) -> None:
         """Begin to watch a session that is armed; what came before is of earlier publishers."""
@@ -154,13 +154,13 @@ class RivalWatch:
         """
         before = self._before
         if before is not None:
-            self._found |= {
+            self._rivals |= {
                 name
                 for name, count in returned.items()
                 if name in self._alone and count > before.get(name, 0)
             }
         return tuple(
-            f"{name} has messages of two publishers in turn" for name in sorted(self._found)
+            f"{name} has messages of two publishers in turn" for name in sorted(self._rivals)
         )
 
 

@@ -47,7 +47,7 @@ class Pattern:
                 remedy="write \\ before a character that is meant as itself",
             ) from error
 
-    def found_in(self, name: str) -> bool:
+    def occurs_in(self, name: str) -> bool:
         """Tell whether the expression matches somewhere in the name."""
         return self._expression.search(name) is not None
 
@@ -195,9 +195,9 @@ class Selection:
             return True
         if name in NOISE or is_hidden(name):
             return False
-        if not (self.everything or any(pattern.found_in(name) for pattern in self.include)):
+        if not (self.everything or any(pattern.occurs_in(name) for pattern in self.include)):
             return False
-        return not any(pattern.found_in(name) for pattern in self.exclude)
+        return not any(pattern.occurs_in(name) for pattern in self.exclude)
 
 
 def is_hidden(name: str) -> bool:
@@ -216,8 +216,8 @@ class TopicDiscovery:
     warnings: list[str] = field(default_factory=list)
     changed: set[str] = field(default_factory=set)
     ambiguous: set[str] = field(default_factory=set)
-    _judged: dict[str, bool] = field(default_factory=dict)
-    _told: set[str] = field(default_factory=set)
+    _choices: dict[str, bool] = field(default_factory=dict)
+    _reported_names: set[str] = field(default_factory=set)
     _refused: list[str] = field(default_factory=list)
 
     def look(
@@ -261,9 +261,9 @@ class TopicDiscovery:
 
     def wants(self, name: str) -> bool:
         """Tell the same as Selection.wants; each name is judged once."""
-        is_wanted = self._judged.get(name)
+        is_wanted = self._choices.get(name)
         if is_wanted is None:
-            is_wanted = self._judged[name] = self.selection.wants(name)
+            is_wanted = self._choices[name] = self.selection.wants(name)
         return is_wanted
 
     def _new(
@@ -277,8 +277,8 @@ class TopicDiscovery:
             self._warn(name, f"{name} is not recorded: {why}")
             return None
         if len(self.recorded) >= self.selection.most:
-            if name not in self._told:
-                self._told.add(name)
+            if name not in self._reported_names:
+                self._reported_names.add(name)
                 self._refused.append(name)
             return None
         if name in self.ambiguous:
@@ -306,8 +306,8 @@ class TopicDiscovery:
             )
 
     def _warn(self, name: str, text: str) -> None:
-        if name not in self._told:
-            self._told.add(name)
+        if name not in self._reported_names:
+            self._reported_names.add(name)
             self.warnings.append(text)
 
 

@@ -335,7 +335,7 @@ def _matching(recorded: Mapping[str, TopicInfo], wishes: tuple[str, ...], field:
         exact = {name for name in (wish, names.absolute(wish)) if name in recorded}
         if not exact:
             pattern = Pattern(wish, field)
-            exact = {name for name in recorded if pattern.found_in(name)}
+            exact = {name for name in recorded if pattern.occurs_in(name)}
         if not exact:
             some = ", ".join(sorted(recorded)[:6])
             raise InputError(

@@ -65,7 +65,7 @@ class MessageSource:
                 + ("" if end_s is None else f", --end is {end_s:g}"),
             )
 
-    def kept(self) -> list[BagMessage]:
+    def latched_messages(self) -> list[BagMessage]:
         """Return the messages that latched publishers kept from before the start, in order of time.
 
         They are the newest of each publisher, as many as it offered.
@@ -94,7 +94,7 @@ class MessageSource:
         return sorted(latched_messages, key=lambda message: message.log_time_ns)
 
     def messages(self) -> ReadAhead:
-        """Return the stretch from its beginning; ``kept`` goes before it."""
+        """Return the stretch from its beginning; ``latched_messages`` goes before it."""
         topics = frozenset(line.recorded for line in self._lines)
         stretch = self._reader.messages(topics, self.start_ns, self.end_ns + 1)
         return ReadAhead(map(self._with_others, stretch))
@@ -437,7 +437,8 @@ class Player:
         send: publishes a message, in the player's thread.
         tick: publishes a bag time, ns, in that thread.
         over: called at the end, in that thread.
-        told: called with a gap of the log times that was skipped or is waited for, in that thread.
+        listener: called with a gap of the log times that was skipped or is waited for, in that
+            thread.
     """
 
     def __init__(
@@ -456,7 +457,7 @@ class Player:
         self._send = send
         self._tick = tick
         self._over = over
-        self._told = listener
+        self._listener = listener
         self.lateness = Lateness()
         self.error: BaseException | None = None
         self._sent = 0
@@ -531,7 +532,7 @@ class Player:
 
     def _play_once(self) -> bool:
         """Play one lap; return False when it was stopped before its end."""
-        for message in self._tape.kept():
+        for message in self._tape.latched_messages():
             self._publish(message)
         clock_hz, frames = self._plan.clock_hz, self._plan.frames
         tick_ns = seconds_to_ns(1.0 / clock_hz) if clock_hz else None
@@ -560,7 +561,7 @@ class Player:
                     if late_ns is not None:
                         self.lateness.add(late_ns)
                 case Leap() | Pause():
-                    self._told(action)
+                    self._listener(action)
                 case Tick(bag_ns):
                     self._tick(bag_ns)
                 case End():

@@ -83,7 +83,7 @@ def is_latched(publishers: Sequence[TopicEndpointInfo]) -> bool:
     )
 
 
-def is_heard(publisher: TopicEndpointInfo, msgtype: str, reader_qos: QoSProfile) -> bool:
+def is_compatible(publisher: TopicEndpointInfo, msgtype: str, reader_qos: QoSProfile) -> bool:
     """Tell whether a reader of this type and profile hears a publisher."""
     compatible = qos_check_compatible(publisher.qos_profile, reader_qos)[0]
     return bool(publisher.topic_type == msgtype and compatible != QoSCompatibility.ERROR)

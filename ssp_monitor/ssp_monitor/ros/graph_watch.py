@@ -18,7 +18,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ssp_monitor.recorder.topics import Selection, TopicDiscovery, TopicSpec
 from ssp_monitor.ros.conversions import (
     adapted_profile,
-    is_heard,
+    is_compatible,
     recording_profile,
     why_not_recordable,
 )
@@ -78,7 +78,9 @@ class GraphWatch:
         profile = recording_profile(topic.profile)
         publishers = self._node.get_publishers_info_by_topic(topic.name)
         self.publishers[topic.name] = len(publishers)
-        compatibility = [is_heard(publisher, topic.msgtype, profile) for publisher in publishers]
+        compatibility = [
+            is_compatible(publisher, topic.msgtype, profile) for publisher in publishers
+        ]
         # Before anything was heard, a publisher that can't be is a mistake that can be mended.
         needs_no_notice = topic.name in self.unheard or not received
         if not all(compatibility) and not needs_no_notice:
@@ -133,7 +135,7 @@ class GraphWatch:
         profile = self._profiles[name]
         for publisher in self._node.get_publishers_info_by_topic(name):
             # Of another type the survey tells.
-            if publisher.topic_type == msgtype and not is_heard(publisher, msgtype, profile):
+            if publisher.topic_type == msgtype and not is_compatible(publisher, msgtype, profile):
                 self.unheard.add(name)
                 self._say(
                     f"{name} is not heard from {publisher.node_name}: it came later and offers "

@@ -52,15 +52,15 @@ class MonitorNode(Node):
         super().__init__(names.MONITOR, namespace=names.NAMESPACE)
         self._plan = session_plan(ros.declare(self, MONITOR), self.resolve_topic_name)
         self._last_word = RunOutcome(str(self._plan.run_id))
-        self._session_heard = threading.Event()
+        self._session_contact = threading.Event()
         self._state = SessionPhase.UNKNOWN
         self._done = self.create_publisher(StepDone, names.STEP_DONE, ros.STATE)
         listen = {SESSION_TOPIC: self._hear, TICK_TOPIC: self._keep_pace}
         # What is latched is heard before there is a recording to ask.
-        self._is_made = False
+        self._is_ready = False
         self.recording = Recording(self, self._plan, listen, self._is_waiting)
-        self._is_made = True
-        self._strangers_told: tuple[str, ...] = ()
+        self._is_ready = True
+        self._reported_strangers: tuple[str, ...] = ()
         self._sayings = RepeatedWarnings()
         self._status = self.create_publisher(RecorderStatus, names.RECORDER_STATUS, ros.STATE)
         self._safety = self.create_publisher(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
@@ -71,7 +71,7 @@ class MonitorNode(Node):
 
     def _tell_of_strangers(self) -> None:
         """Publish the status early where a second publisher has been heard since the last one."""
-        if self.recording.present_strangers() != self._strangers_told:
+        if self.recording.present_strangers() != self._reported_strangers:
             self._publish_status()
 
     def _publish_status(self) -> None:
@@ -82,7 +82,7 @@ class MonitorNode(Node):
         status = self.recording.status()
         status.header.stamp = ros.stamp_from_ns(intake.time.newest_ns)
         self._status.publish(status)
-        self._strangers_told = tuple(status.strangers)
+        self._reported_strangers = tuple(status.strangers)
         for warning in status.warnings[:MOST_SAID]:
             self._say_once(warning)
         if status.failure and self._say_once(f"nothing is recorded any more: {status.failure}"):
@@ -112,9 +112,9 @@ class MonitorNode(Node):
             return
         self._last_word.hear(state, verdict, tuple(message.reasons), message.run_id)
         self._state = state
-        if self._is_made:
+        if self._is_ready:
             self.recording.session_is(state)
-        self._session_heard.set()
+        self._session_contact.set()
 
     def _is_waiting(self) -> bool:
         """Tell whether a live session isn't armed yet, as it may be for hours."""
@@ -134,8 +134,8 @@ class MonitorNode(Node):
                 return
             if not self.count_publishers(names.SESSION_STATE):
                 deadline = min(deadline, time.monotonic() + UNREAD_S)
-            self._session_heard.wait(0.05)
-            self._session_heard.clear()
+            self._session_contact.wait(0.05)
+            self._session_contact.clear()
 
     def close(self) -> None:
         """End reception, close the bag, leave the verdict and print one line about it.

@@ -139,10 +139,10 @@ class MonitorPage(Node):
         return (run.session_token if run is not None else "") or self._board.manager.session_token
 
     def _announce(self, is_new_token: bool, token: str) -> None:
-        if not is_loopback(self.server.door.bound):
+        if not is_loopback(self.server.door.bind_address):
             print(
-                f"page: anybody who can reach {self.server.door.bound} sees this port; reading "
-                "and commands need the token, which travels unencrypted",
+                f"page: anybody who can reach {self.server.door.bind_address} sees this port; "
+                "reading and commands need the token, which travels unencrypted",
                 flush=True,
             )
         # The one time that the token is said, and only when nobody gave it to us.
@@ -222,8 +222,8 @@ class MonitorPage(Node):
         payloads: dict[str, Payload] = {}
         snapshot = {"type": "snapshot", **self._snapshots.snapshot(now_ns)}
         payloads["snapshot"] = json.dumps(snapshot, separators=(",", ":"), allow_nan=False)
-        if self._events_pushed != self._board.events.seen:
-            self._events_pushed = self._board.events.seen
+        if self._events_pushed != self._board.events.count:
+            self._events_pushed = self._board.events.count
             events = {"type": "events", **self._snapshots.events()}
             payloads["events"] = json.dumps(events, separators=(",", ":"), allow_nan=False)
         if (picture := self._pictures.take(now_ns)) is not None:

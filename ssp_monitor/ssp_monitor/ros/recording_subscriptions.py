@@ -189,7 +189,7 @@ class _Source:
     complained: bool = False
     last: bytes = b""
     is_picture: bool = False
-    kept_ns: int = 0
+    picture_ns: int = 0
     passed_over: int = 0
 
 
@@ -339,7 +339,7 @@ class RecordingSubscriptions:
         return source.quiet == 0
 
     def _hand_over(self, source: _Source, raw_messages: list[Taken]) -> None:
-        topic, register = source.topic.name, source.arrivals.seen
+        topic, register = source.topic.name, source.arrivals.note
         for _, _, _, sequence, publisher in raw_messages:
             register(publisher, sequence)
         if source.is_picture and self._is_waiting():
@@ -391,8 +391,8 @@ def _thinned(source: _Source, raw_messages: list[Taken]) -> list[Taken]:
     """Return the pictures that are kept of a session that waits; the others are counted."""
     pictures = []
     for one in raw_messages:
-        if one[2] - source.kept_ns >= WAITING_PERIOD_NS:
-            source.kept_ns = one[2]
+        if one[2] - source.picture_ns >= WAITING_PERIOD_NS:
+            source.picture_ns = one[2]
             pictures.append(one)
     source.passed_over += len(raw_messages) - len(pictures)
     return pictures
@@ -414,4 +414,4 @@ def _ask_losses(sources: list[_Source]) -> None:
         if source.lost_event is not None:
             status = source.lost_event.take_event()
             if status is not None:
-                source.arrivals.told = status.total_count
+                source.arrivals.middleware_losses = status.total_count

@@ -42,7 +42,7 @@ class SessionSubscriptions:
         self._single = Newest(lambda data: (decode_state(data),))
         self._arrays = Newest(lambda data: decode_states(data).states)
         self._heartbeat: bytes | None = None
-        self._told: set[str] = set()
+        self._warned_topics: set[str] = set()
         self._followed: set[str] = set()
         sub = node.create_subscription
         sub(ObjectStates, names.OBJECT_STATES, self._on_array, ros.STATE, raw=True)
@@ -94,8 +94,8 @@ class SessionSubscriptions:
     def tell_once(self, problem: str) -> None:
         """Say what is wrong with a topic, ``TOPIC: what``, the first time."""
         topic = problem.partition(":")[0]
-        if topic not in self._told:
-            self._told.add(topic)
+        if topic not in self._warned_topics:
+            self._warned_topics.add(topic)
             self._node.get_logger().error(
                 f"message dropped (more will be without a word): {problem}"
             )

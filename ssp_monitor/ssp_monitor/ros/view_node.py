@@ -196,7 +196,7 @@ class ObjectMarkers:
     vut_path: Polyline | None = None
     _trails: dict[str, Trail] = field(default_factory=dict)
     _numbers: dict[str, int] = field(default_factory=dict)
-    _shown: set[tuple[str, int]] = field(default_factory=set)
+    _marker_ids: set[tuple[str, int]] = field(default_factory=set)
 
     def marks(self, board: Board, now_ns: int) -> list[Marker]:
         """Return the marks of all objects as they were last heard."""
@@ -213,10 +213,10 @@ class ObjectMarkers:
                     fresh.append(state)
         marks += self._gaps(fresh)
         marker_ids = {(marker.ns, marker.id) for marker in marks}
-        for space, number in sorted(self._shown - marker_ids):
+        for space, number in sorted(self._marker_ids - marker_ids):
             marks.append(Marker(ns=space, id=number, action=Marker.DELETE))
             marks[-1].header.frame_id = MAP_FRAME
-        self._shown = marker_ids
+        self._marker_ids = marker_ids
         return marks
 
     def _number(self, object_id: str) -> int:

@@ -19,7 +19,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
-from ssp_core.safety.object_rules import HeardRules
+from ssp_core.safety.object_rules import ReceivedRules
 from ssp_core.safety.publishers import LINKS_FRESH_S
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 
@@ -201,7 +201,7 @@ class LatestReport(Generic[T]):
 
 
 @dataclass(slots=True)
-class HeardManager:
+class ManagerStatus:
     """The manager's heartbeats: when the newest arrived, and what it says.
 
     Args:
@@ -221,7 +221,7 @@ class HeardManager:
 
 
 @dataclass(slots=True)
-class HeardSession:
+class SessionStatus:
     """The session's newest transition, the event's phase, and the run's own time.
 
     Args:
@@ -278,23 +278,23 @@ class EventList:
     """The newest events, numbered from 1; iteration gives number and event, the oldest first.
 
     Attributes:
-        seen: how many there were; the oldest ones are forgotten when there are too many.
+        count: how many there were; the oldest ones are forgotten when there are too many.
     """
 
     def __init__(self) -> None:
-        self.seen = 0
-        self._kept: deque[tuple[int, Event]] = deque(maxlen=MOST_EVENTS)
+        self.count = 0
+        self._events: deque[tuple[int, Event]] = deque(maxlen=MOST_EVENTS)
 
     def add(self, event: Event) -> None:
         """Add one more event."""
-        self.seen += 1
-        self._kept.append((self.seen, event))
+        self.count += 1
+        self._events.append((self.count, event))
 
     def __iter__(self) -> Iterator[tuple[int, Event]]:
-        return iter(self._kept)
+        return iter(self._events)
 
     def __reversed__(self) -> Iterator[tuple[int, Event]]:
-        return reversed(self._kept)
+        return reversed(self._events)
 
 
 @dataclass(slots=True)
@@ -310,10 +310,10 @@ class Board:
 
     run: RunSpec | None = None
     objects: dict[str, LatestState] = field(default_factory=dict)
-    session: HeardSession = field(default_factory=HeardSession)
-    manager: HeardManager = field(default_factory=HeardManager)
+    session: SessionStatus = field(default_factory=SessionStatus)
+    manager: ManagerStatus = field(default_factory=ManagerStatus)
     links: LatestReport[dict[str, LinkFact]] = field(default_factory=lambda: LatestReport({}))
-    rules: HeardRules = field(default_factory=HeardRules)
+    rules: ReceivedRules = field(default_factory=ReceivedRules)
     recorder: LatestReport[RecorderFact | None] = LatestReport(None)
     vut_refused: LatestReport[str] = LatestReport("")
     bodies: dict[str, tuple[BodyStatus, int]] = field(default_factory=dict)

@@ -20,11 +20,11 @@ from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_monitor.bag_tools.info import (
     qos_text,
+    report_sentences,
     size_text,
     span_text,
     summarise_bag,
     survey_lines,
-    told,
 )
 
 START_NS = 1_700_000_000 * NS_PER_S
@@ -221,7 +221,7 @@ def test_what_the_recorder_said_is_told(tmp_path, clock_cdr, capsys):
         "  the disk was slow",
     ]
     assert (
-        told({**report, "missing": 0})[0]
+        report_sentences({**report, "missing": 0})[0]
         == "1 lost and 2 dropped of 9 received, within the limit of 0"
     )
     del report["topics"]

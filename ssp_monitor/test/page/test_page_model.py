@@ -27,7 +27,7 @@ from ssp_core.safety.arming import (
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.liveness import signs_of_life
-from ssp_core.safety.object_rules import HeardRules, rules_of
+from ssp_core.safety.object_rules import ReceivedRules, rules_of
 from ssp_core.safety.publishers import LINKS_FRESH_S, MOST_TOLD
 from ssp_core.vocabulary import ControlState, ObjectClass, Phase, Role, SessionPhase, Verdict
 from ssp_monitor.page.snapshot import (
@@ -45,9 +45,9 @@ from ssp_monitor.status.board import (
     MOST_OBJECTS,
     Board,
     Event,
-    HeardManager,
     LatestReport,
     LinkFact,
+    ManagerStatus,
     RecorderFact,
     SessionFact,
 )
@@ -91,7 +91,7 @@ def ready_board(run: RunSpec) -> Board:
     return board
 
 
-def led_live(board: Board, status: BodyStatus, at_ns: int) -> None:
+def set_live(board: Board, status: BodyStatus, at_ns: int) -> None:
     """The run is a live one, and the process of an object says how its body is."""
     assert board.run is not None
     board.run = board.run.model_copy(update={"mode": "live"})
@@ -140,7 +140,7 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda b: setattr(b, "manager", HeardManager()), "the scenario manager is silent"),
+        (lambda b: setattr(b, "manager", ManagerStatus()), "the scenario manager is silent"),
         (lambda b: setattr(b, "camera", LatestReport("")), "no camera frame arrives"),
         (
             lambda b: setattr(b, "recorder", LatestReport(b.recorder.value)),
@@ -164,16 +164,16 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
         ),
         (lambda b: b.objects.pop("ot1"), "no state of ot1 arrives"),
         (
-            lambda b: (b.objects.pop("ot1"), led_live(b, GONE, 8 * S)),
+            lambda b: (b.objects.pop("ot1"), set_live(b, GONE, 8 * S)),
             "no state of ot1 arrives: no program listens at udp://10.0.0.21:9001",
         ),
-        (lambda b: led_live(b, UNPROBED, 8 * S), "ot1: it has no probe report"),
+        (lambda b: set_live(b, UNPROBED, 8 * S), "ot1: it has no probe report"),
         (
             lambda b: other_limits(b, heartbeat_s=60.0),
             "ot1 judges by another limits.heartbeat_s: 60.0 on its host, 0.5 here",
         ),
         (
-            lambda b: setattr(b, "rules", HeardRules()),
+            lambda b: setattr(b, "rules", ReceivedRules()),
             "ot1 has not said what it judges by",
         ),
         (lambda b: b.links.value.clear(), NOT_MEASURED),
@@ -217,7 +217,7 @@ def test_what_stands_in_the_way_is_said(run, change, said):
 def test_an_objects_process_that_fell_silent_is_named_and_not_what_it_said(run):
     board = ready_board(run)
     board.objects.pop("ot1")
-    led_live(board, UNPROBED, 8 * S - 1)
+    set_live(board, UNPROBED, 8 * S - 1)
     found = standing_in_the_way(board, 10 * S)
     assert "no state of ot1 arrives: its object_target has said nothing for 2 s" in found
     assert not any("probe" in text for text in found)
@@ -257,7 +257,7 @@ REFUSED = SessionFact(
 
 def test_the_page_has_each_fact_that_the_manager_asks_for(run, monkeypatch):
     board = ready_board(run)
-    led_live(board, UNPROBED, 10 * S)
+    set_live(board, UNPROBED, 10 * S)
     recorder = RecorderFact(True, lost=3, missing=("/ssp/x",), strangers=("/ssp/y has two",))
     board.hear_recorder(recorder, 10 * S)
     board.hear_localisation("fix type", 10 * S)

@@ -106,7 +106,7 @@ def test_the_reason_arrives_though_something_was_to_be_sent_meanwhile(page, monk
     """A message to a socket that is closing fails, and the closing goes on."""
     send = viewers._send
 
-    async def held_back(socket: Any, payload: Any) -> None:
+    async def hold_back(socket: Any, payload: Any) -> None:
         while "mark" in payload and not socket.closed:
             await asyncio.sleep(0.01)
         await send(socket, payload)
@@ -120,7 +120,7 @@ def test_the_reason_arrives_though_something_was_to_be_sent_meanwhile(page, monk
             pass
         return stream.close_code
 
-    monkeypatch.setattr(viewers, "_send", held_back)
+    monkeypatch.setattr(viewers, "_send", hold_back)
     assert live(page, work) == 4008
 
 

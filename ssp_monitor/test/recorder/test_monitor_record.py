@@ -67,7 +67,7 @@ def recorder(talker):
         end(process)
 
 
-def wait_heard(node: Node, publisher: Any, readers: int = 1) -> None:
+def await_reader(node: Node, publisher: Any, readers: int = 1) -> None:
     """Await a reader of a publisher's.
 
     The recorder makes a reader when it knows a publisher of the topic, and matches it with all
@@ -111,10 +111,10 @@ def test_topics_are_found_late_and_heard_as_their_publishers_offer_them(talker, 
         "--all", "--exclude", "excluded$", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0
     )
     for publisher in (early, *mixed):
-        wait_heard(talker, publisher)
+        await_reader(talker, publisher)
     # Its reader shows that the recorder knows the second publisher of ``mixed`` too.
     late = talker.create_publisher(String, "/lab/late", qos(BEST, VOLATILE))
-    wait_heard(talker, late)
+    await_reader(talker, late)
     for k in range(20):
         for publisher in (*mixed, late, early):
             publisher.publish(String(data=f"{k}"))
@@ -150,7 +150,7 @@ def test_named_topics_are_recorded_for_a_time(talker, recorder, tmp_path):
     process = recorder(
         "/lab/_hidden", "lab/absent", "-o", tmp_path / "bag", "--duration", 20, "--reserve-mb", 0
     )
-    wait_heard(talker, hidden)
+    await_reader(talker, hidden)
     hidden.publish(String(data="x"))
     shown, told = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0
@@ -164,7 +164,7 @@ def test_named_topics_are_recorded_for_a_time(talker, recorder, tmp_path):
 def test_a_second_type_on_a_topic_is_lost_and_said(talker, recorder, tmp_path):
     first = talker.create_publisher(String, "/lab/thing", 10)
     process = recorder("--include", "^/lab", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0)
-    wait_heard(talker, first)
+    await_reader(talker, first)
     first.publish(String(data="x"))
     context = Context()
     rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
@@ -210,7 +210,7 @@ def test_a_named_topic_of_two_types_is_a_problem(talker, recorder, tmp_path):
 def test_a_late_publisher_that_offers_less_is_said(talker, recorder, tmp_path):
     first = talker.create_publisher(String, "/lab/thing", qos(RELIABLE, VOLATILE))
     process = recorder("--include", "^/lab", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0)
-    wait_heard(talker, first)
+    await_reader(talker, first)
     talker.create_publisher(String, "/lab/thing", qos(BEST, VOLATILE))
     line_with(process, "/lab/thing is not heard from talker: it came later")
     result, _ = ended(process)
@@ -235,7 +235,7 @@ def test_images_become_video_and_what_is_no_image_stays(talker, recorder, tmp_pa
         "--reserve-mb",
         0,
     )
-    wait_heard(talker, camera)
+    await_reader(talker, camera)
     noise = np.random.default_rng(1)
     for _ in range(10):
         picture = noise.integers(0, 255, (240, 320, 3), dtype=np.uint8)

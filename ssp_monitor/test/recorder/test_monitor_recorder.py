@@ -53,7 +53,7 @@ class FakeEncoder:
 
     def __init__(self) -> None:
         self.threads: set[str] = set()
-        self._held: list[BagMessage] = []
+        self._queue: list[BagMessage] = []
 
     def encode(self, message: BagMessage) -> list[BagMessage]:
         self.threads.add(threading.current_thread().name)
@@ -61,11 +61,11 @@ class FakeEncoder:
             raise RuntimeError("codec broke")
         if message.data.startswith(b"x"):
             raise ValueError("no picture")
-        done, self._held = self._held, [message._replace(data=b"v" + message.data)]
+        done, self._queue = self._queue, [message._replace(data=b"v" + message.data)]
         return done
 
     def finish(self) -> list[BagMessage]:
-        done, self._held = self._held, []
+        done, self._queue = self._queue, []
         return done
 
 

@@ -87,7 +87,7 @@ A, B = b"a" * 16, b"b" * 16
 
 def test_a_gap_is_a_loss_and_a_start_is_none():
     arrivals = Arrivals()
-    assert [arrivals.seen(A, n) for n in (7, 8, 12, 13)] == [0, 0, 3, 0]
+    assert [arrivals.note(A, n) for n in (7, 8, 12, 13)] == [0, 0, 3, 0]
     assert (arrivals.received, arrivals.gaps, arrivals.lost) == (4, 3, 3)
 
 
@@ -145,19 +145,19 @@ def test_a_loss_while_objects_were_armed_is_forgotten_once_they_are_disarmed():
 def test_publishers_count_for_themselves():
     arrivals = Arrivals()
     heard = [(A, 1), (B, 500), (A, 2), (B, 501), (B, 504), (A, 3)]
-    assert [arrivals.seen(*one) for one in heard] == [0, 0, 0, 0, 2, 0]
+    assert [arrivals.note(*one) for one in heard] == [0, 0, 0, 0, 2, 0]
     assert (arrivals.lost, arrivals.publishers) == (2, 2)
 
 
 def test_who_speaks_again_after_another_has_is_counted_and_a_successor_is_not():
     arrivals = Arrivals()
     for publisher in (A, A, B, B):
-        arrivals.seen(publisher, 1)
+        arrivals.note(publisher, 1)
     assert arrivals.returned == 0
-    arrivals.seen(A, 3)
+    arrivals.note(A, 3)
     assert arrivals.returned == 1
-    arrivals.seen(B, 3)
-    arrivals.seen(B, 4)
+    arrivals.note(B, 3)
+    arrivals.note(B, 4)
     assert arrivals.returned == 2
 
 
@@ -178,33 +178,33 @@ def test_rivals_count_where_there_is_one_publisher_and_while_a_session_is_under_
 def test_a_publisher_that_starts_over_has_lost_nothing():
     arrivals = Arrivals()
     for publisher, sequence in ((A, 90), (A, 91), (B, 1), (B, 2)):
-        assert arrivals.seen(publisher, sequence) == 0
+        assert arrivals.note(publisher, sequence) == 0
     # As where the middleware doesn't tell publishers apart.
-    assert [arrivals.seen(A, n) for n in (1, 2, 4)] == [0, 0, 1]
+    assert [arrivals.note(A, n) for n in (1, 2, 4)] == [0, 0, 1]
     assert arrivals.lost == 1
 
 
 def test_messages_without_numbers_are_received_and_prove_nothing():
     arrivals = Arrivals()
-    assert [arrivals.seen(A, n) for n in (4, 0, 0, 5, 0)] == [0, 0, 0, 0, 0]
+    assert [arrivals.note(A, n) for n in (4, 0, 0, 5, 0)] == [0, 0, 0, 0, 0]
     assert (arrivals.received, arrivals.lost) == (5, 0)
 
 
 def test_what_two_tell_of_the_same_counts_once():
     arrivals = Arrivals()
-    arrivals.seen(A, 1)
-    arrivals.seen(A, 4)
-    arrivals.told = 1
+    arrivals.note(A, 1)
+    arrivals.note(A, 4)
+    arrivals.middleware_losses = 1
     assert arrivals.lost == 2
-    arrivals.told = 5
+    arrivals.middleware_losses = 5
     assert arrivals.lost == 5
 
 
 @pytest.mark.parametrize(("sent", "behind"), [(0, 0), (8, 0), (9, 0), (12, 3)])
 def test_what_a_publisher_claims_shows_what_is_missing_at_the_end(sent, behind):
     arrivals = Arrivals()
-    arrivals.seen(A, 6)
-    arrivals.seen(A, 9)
+    arrivals.note(A, 6)
+    arrivals.note(A, 9)
     arrivals.claimed(sent)
     assert (arrivals.behind, arrivals.lost) == (behind, 2 + behind)
 
@@ -213,8 +213,8 @@ def test_a_claim_proves_nothing_about_several_publishers_or_none():
     arrivals = Arrivals()
     arrivals.claimed(5)
     assert arrivals.lost == 0
-    arrivals.seen(A, 1)
-    arrivals.seen(B, 1)
+    arrivals.note(A, 1)
+    arrivals.note(B, 1)
     arrivals.claimed(5)
     assert arrivals.lost == 0
 
@@ -234,7 +234,7 @@ def test_received_and_lost_make_up_the_whole(heard, order):
     waiting = {publisher: sorted(numbers) for publisher, numbers in heard.items()}
     while waiting:
         publisher = order.choice(sorted(waiting))  # type: ignore[attr-defined]
-        arrivals.seen(publisher, waiting[publisher].pop(0))
+        arrivals.note(publisher, waiting[publisher].pop(0))
         if not waiting[publisher]:
             del waiting[publisher]
     spans = sum(max(numbers) - min(numbers) + 1 for numbers in heard.values())
@@ -282,7 +282,7 @@ def test_losses_beside_the_run_are_one_sentence():
 WAY = [P.IDLE, P.LOADED, P.CONNECTED, P.ARMED, P.RUNNING]
 
 
-def heard(*words: P | tuple[P, V, tuple[str, ...]], run_id: str = "run-1") -> RunOutcome:
+def outcome_after(*words: P | tuple[P, V, tuple[str, ...]], run_id: str = "run-1") -> RunOutcome:
     last = RunOutcome("run-1")
     for word in words:
         state, verdict, reasons = word if isinstance(word, tuple) else (word, V.NONE, ())
@@ -291,7 +291,7 @@ def heard(*words: P | tuple[P, V, tuple[str, ...]], run_id: str = "run-1") -> Ru
 
 
 def test_a_run_that_ended_well():
-    last = heard(*WAY, P.STOPPING, (P.FINISHED, V.VALID, ()))
+    last = outcome_after(*WAY, P.STOPPING, (P.FINISHED, V.VALID, ()))
     assert last.verdict(0) == (V.VALID, ())
     assert not last.is_due
     # A reset takes nothing back.
@@ -301,26 +301,28 @@ def test_a_run_that_ended_well():
 
 @pytest.mark.parametrize("verdict", [V.ABORTED, V.FAILED_SAFETY, V.INVALID_HARNESS])
 def test_the_sessions_own_verdict_and_reasons_come_first(verdict):
-    last = heard(*WAY, (P.ABORTING, verdict, ("one",)), (P.ABORTED, verdict, ("one", "two")))
+    last = outcome_after(
+        *WAY, (P.ABORTING, verdict, ("one",)), (P.ABORTED, verdict, ("one", "two"))
+    )
     assert last.verdict(0) == (verdict, ("one", "two"))
     assert last.verdict(3) == (verdict, ("one", "two", "the recorder lost 3 messages"))
 
 
 def test_losses_make_a_valid_run_invalid():
-    last = heard(*WAY, P.STOPPING, (P.FINISHED, V.VALID, ()))
+    last = outcome_after(*WAY, P.STOPPING, (P.FINISHED, V.VALID, ()))
     assert last.verdict(1) == (V.INVALID_HARNESS, ("the recorder lost 1 messages",))
 
 
 @pytest.mark.parametrize("state", WAY)
 def test_a_recording_that_ends_too_early(state):
-    last = heard(*WAY[: WAY.index(state) + 1])
+    last = outcome_after(*WAY[: WAY.index(state) + 1])
     reason = f"the recording ends while the session is {state.name}"
     assert last.verdict(0) == (V.INVALID_HARNESS, (reason,))
     assert last.is_due == (state in (P.ARMED, P.RUNNING))
 
 
 def test_an_abort_that_did_not_come_to_its_end():
-    last = heard(*WAY, (P.ABORTING, V.FAILED_SAFETY, ("collision",)))
+    last = outcome_after(*WAY, (P.ABORTING, V.FAILED_SAFETY, ("collision",)))
     assert last.is_due
     assert last.verdict(0) == (
         V.FAILED_SAFETY,
@@ -334,24 +336,24 @@ def test_no_session_at_all():
 
 def test_two_runs_in_one_recording_are_none():
     well = (P.STOPPING, (P.FINISHED, V.VALID, ()))
-    verdict, reasons = heard(*WAY, *well, *WAY, *well).verdict(0)
+    verdict, reasons = outcome_after(*WAY, *well, *WAY, *well).verdict(0)
     assert (verdict, reasons) == (V.INVALID_HARNESS, ("2 runs are in one recording",))
 
 
 def test_the_run_of_another_file():
-    verdict, reasons = heard(*WAY, (P.FINISHED, V.VALID, ()), run_id="run-2").verdict(0)
+    verdict, reasons = outcome_after(*WAY, (P.FINISHED, V.VALID, ()), run_id="run-2").verdict(0)
     assert verdict is V.INVALID_HARNESS
     assert reasons == ("the session ran run-2, the recording is of run-1",)
 
 
 def test_losses_within_the_limit_are_no_reason():
-    last = heard(*WAY, P.STOPPING, (P.FINISHED, V.VALID, ()))
+    last = outcome_after(*WAY, P.STOPPING, (P.FINISHED, V.VALID, ()))
     assert last.verdict(5, lost_limit=5) == (V.VALID, ())
     reason = "the recorder lost 6 messages, limit 5"
     assert last.verdict(6, lost_limit=5) == (V.INVALID_HARNESS, (reason,))
 
 
 def test_a_bag_that_is_not_as_it_must_be_makes_a_run_invalid():
-    last = heard(*WAY, P.STOPPING, (P.FINISHED, V.VALID, ()))
+    last = outcome_after(*WAY, P.STOPPING, (P.FINISHED, V.VALID, ()))
     problems = ("/clock: 9 messages in the bag, 10 were received",)
     assert last.verdict(0, problems=problems) == (V.INVALID_HARNESS, problems)

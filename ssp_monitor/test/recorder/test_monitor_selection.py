@@ -166,16 +166,16 @@ def test_any_text_is_an_expression_or_an_input_error(text):
             pattern = Pattern(text, "x")
         except InputError:
             return
-    assert pattern.found_in("/ssp/vut/state") in (True, False)
+    assert pattern.occurs_in("/ssp/vut/state") in (True, False)
 
 
 def test_an_expression_may_match_anywhere_unless_it_names_an_end():
-    assert Pattern("/b", "x").found_in("/a/b")
-    assert Pattern("^/a", "x").found_in("/a/b")
-    assert not Pattern("^/a", "x").found_in("/b/a")
-    assert not Pattern(".", "x").found_in("")
-    assert Pattern("^$", "x").found_in("")
+    assert Pattern("/b", "x").occurs_in("/a/b")
+    assert Pattern("^/a", "x").occurs_in("/a/b")
+    assert not Pattern("^/a", "x").occurs_in("/b/a")
+    assert not Pattern(".", "x").occurs_in("")
+    assert Pattern("^$", "x").occurs_in("")
 
 
 def test_digits_and_words_are_those_of_ros_names():
-    assert not Pattern("\\d|\\w", "x").found_in("\u0663\u00e9")
+    assert not Pattern("\\d|\\w", "x").occurs_in("\u0663\u00e9")

@@ -89,7 +89,9 @@ def video_bag(path: Path, messages: Sequence[BagMessage]) -> Path:
     return path
 
 
-def shown(path: Path, start_ns: int | None = None, stop_ns: int | None = None) -> list[Picture]:
+def pictures_of(
+    path: Path, start_ns: int | None = None, stop_ns: int | None = None
+) -> list[Picture]:
     with BagReader(path) as bag:
         return list(Frames(bag, TOPIC).pictures(start_ns, stop_ns))
 
@@ -112,7 +114,7 @@ def test_frames_keep_their_times_and_look_alike(tmp_path, codec):
         first = bag.decode(next(iter(bag.messages([TOPIC]))))
         assert (first.frame_id, first.format) == ("camera_optical", codec)
         assert first.timestamp.sec == 1_700_000_000
-    pictures = shown(path)
+    pictures = pictures_of(path)
     assert [p.stamp_ns for p in pictures] == [START_NS + i * FRAME_NS for i in range(70)]
     for i, shown_one in enumerate(pictures):
         assert cv2.PSNR(shown_one.image, scene(i)) > 32.0
@@ -121,9 +123,9 @@ def test_frames_keep_their_times_and_look_alike(tmp_path, codec):
 def test_reading_begins_at_any_frame(tmp_path):
     video = encoded(VideoEncoder(COMPRESSED_TYPE), [jpeg_message(i) for i in range(80)])
     path = video_bag(tmp_path / "bag", video)
-    whole = shown(path)
+    whole = pictures_of(path)
     start_ns, stop_ns = video[47].log_time_ns, video[50].log_time_ns
-    part = shown(path, start_ns, stop_ns)
+    part = pictures_of(path, start_ns, stop_ns)
     assert [p.stamp_ns for p in part] == [p.stamp_ns for p in whole[47:50]]
     for one, other in zip(part, whole[47:50], strict=True):
         assert np.array_equal(one.image, other.image)
@@ -142,14 +144,16 @@ def test_a_keyframe_far_back_is_found(tmp_path, monkeypatch):
     video = encoded(encoder, [jpeg_message(i) for i in range(200)])
     assert keyframes(video) == [0]
     path = video_bag(tmp_path / "bag", video)
-    assert [p.stamp_ns for p in shown(path, video[199].log_time_ns)] == [START_NS + 199 * FRAME_NS]
+    assert [p.stamp_ns for p in pictures_of(path, video[199].log_time_ns)] == [
+        START_NS + 199 * FRAME_NS
+    ]
 
 
 @pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "mono8"])
 def test_raw_images_keep_their_colours(tmp_path, encoding):
     encoder = VideoEncoder(RAW_TYPE)
     video = encoded(encoder, [raw_message(i, encoding) for i in range(3)])
-    last = shown(video_bag(tmp_path / "bag", video))[-1].image
+    last = pictures_of(video_bag(tmp_path / "bag", video))[-1].image
     wanted = scene(2)
     if encoding == "mono8":
         wanted = cv2.cvtColor(cv2.cvtColor(wanted, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
@@ -174,7 +178,7 @@ def test_a_damaged_frame_is_said_and_the_video_goes_on(tmp_path, data, problem):
     source = [jpeg_message(0), jpeg_message(1, data=data), jpeg_message(2)]
     video = encoded(encoder, source, [problem])
     assert [m.sequence for m in video] == [7, 9]
-    pictures = shown(video_bag(tmp_path / "bag", video))
+    pictures = pictures_of(video_bag(tmp_path / "bag", video))
     assert [p.stamp_ns for p in pictures] == [START_NS, START_NS + 2 * FRAME_NS]
     assert cv2.PSNR(pictures[1].image, scene(2)) > 32.0
 
@@ -192,7 +196,7 @@ def test_a_new_size_begins_with_a_keyframe(tmp_path):
     source = [jpeg_message(i, scene(i, *size)) for i, size in enumerate(sizes)]
     video = encoded(encoder, source)
     assert keyframes(video) == [0, 3, 6]
-    pictures = shown(video_bag(tmp_path / "bag", video))
+    pictures = pictures_of(video_bag(tmp_path / "bag", video))
     assert [p.image.shape[1::-1] for p in pictures] == [
         (w & ~1, h & ~1) for w, h in sizes
     ]  # the odd row and column are gone
@@ -215,7 +219,7 @@ def test_the_same_pictures_give_the_same_bytes():
 
 def test_frames_before_the_first_keyframe_are_left_out(tmp_path):
     video = encoded(VideoEncoder(COMPRESSED_TYPE), [jpeg_message(i) for i in range(40)])
-    assert len(shown(video_bag(tmp_path / "bag", video[10:]))) == 15
+    assert len(pictures_of(video_bag(tmp_path / "bag", video[10:]))) == 15
 
 
 def test_a_damaged_video_frame_is_an_error_or_reported(tmp_path):

@@ -295,11 +295,11 @@ def test_each_message_of_static_transforms_has_those_of_all_publishers(tmp_path,
         assert line.offer == PublisherQos(reliable=True, latched=True, depth=1)
         whole = MessageSource(reader, plan.lines, ReplayOptions())
         for _ in range(2):  # in each lap
-            assert whole.kept() == []
+            assert whole.latched_messages() == []
             sent = children(whole.messages())
             assert sent == [["mast"], ["mast", "camera"], ["mast", "camera", "lidar"]]
         later = MessageSource(reader, plan.lines, ReplayOptions(start_s=1.0))
-        assert children(later.kept()) == [["mast", "camera", "lidar"]]
+        assert children(later.latched_messages()) == [["mast", "camera", "lidar"]]
         assert children(later.messages()) == []
 
 
@@ -307,13 +307,13 @@ def test_a_tape_has_the_stretch_and_what_was_kept_before_it(bag):
     with BagReader(bag) as reader:
         plan = make_plan(reader.topics, ReplayOptions(), lambda _t, _h: None)
         tape = MessageSource(reader, plan.lines, ReplayOptions(start_s=2.5, end_s=4.0))
-        assert [m.data for m in tape.kept()] == [b"kept10", b"kept20"]
+        assert [m.data for m in tape.latched_messages()] == [b"kept10", b"kept20"]
         messages = tape.messages()
         stretch = list(messages)
         messages.close()
         assert stretch[0].data == b"other25"
         assert [m.data for m in stretch[-2:]] == [b"kept40", b"other40"]
-        assert MessageSource(reader, plan.lines, ReplayOptions()).kept() == []
+        assert MessageSource(reader, plan.lines, ReplayOptions()).latched_messages() == []
         with pytest.raises(InputError, match=r"bag is 4\.900 s long"):
             MessageSource(reader, plan.lines, ReplayOptions(start_s=5.0))
         with pytest.raises(InputError, match="--end is 1"):

@@ -275,7 +275,7 @@ def test_what_the_middleware_loses_is_counted(node, receive):
         text=True,
     ) as process:
         try:
-            until(lambda: reception.intake._arrivals["/flood"].told > 0, "loss")
+            until(lambda: reception.intake._arrivals["/flood"].middleware_losses > 0, "loss")
             sent = int(process.communicate("", DEADLINE_S)[0])
         finally:
             process.kill()
@@ -444,18 +444,18 @@ def test_losses_beside_the_run_do_not_count_and_a_stranger_on_its_topics_does(no
     other = node.create_publisher(String, "/other", ros.STATE)
     recording = Recording(node, plan, {})
 
-    def heard(one: Publisher) -> bool:
+    def has_reader(one: Publisher) -> bool:
         recording.poll()
         return one.get_subscription_count() > 0
 
-    until(lambda: heard(own) and heard(other), "readers")
+    until(lambda: has_reader(own) and has_reader(other), "readers")
     # Nothing was heard yet: what can't be heard keeps it from being ready, and is lost by nobody.
     early = node.create_publisher(String, "/own", QoSProfile(depth=1, reliability=BEST_EFFORT))
-    until(lambda: heard(own) and not recording.status().ready, "stranger")
+    until(lambda: has_reader(own) and not recording.status().ready, "stranger")
     assert recording.lost == 0
     node.destroy_publisher(early)
-    until(lambda: heard(own) and recording.status().ready, "readiness")
-    recording.intake._arrivals["/other"].told = 3
+    until(lambda: has_reader(own) and recording.status().ready, "readiness")
+    recording.intake._arrivals["/other"].middleware_losses = 3
     until(lambda: len(recording.recorder.records()) == 2, "announcement")
     status = recording.status()
     assert (status.lost, recording.lost) == (0, 0)
@@ -464,7 +464,7 @@ def test_losses_beside_the_run_do_not_count_and_a_stranger_on_its_topics_does(no
     own.publish(text("x"))
     until(lambda: recording.intake.received_by_topic()["/own"] == 1, "message")
     node.create_publisher(String, "/own", QoSProfile(depth=1, reliability=BEST_EFFORT))
-    until(lambda: heard(own) and recording.lost == 1, "count of the stranger")
+    until(lambda: has_reader(own) and recording.lost == 1, "count of the stranger")
     status = recording.status()
     assert (status.lost, status.ready) == (1, False)
     assert any(said.startswith("/own is not heard from publishes") for said in status.warnings)

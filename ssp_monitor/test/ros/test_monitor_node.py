@@ -68,7 +68,7 @@ class Session:
         self.status: list[RecorderStatus] = []
         self.safety: list[SafetyEvent] = []
         self.publishers: dict[str, Any] = {}
-        self.spoken: list[str] = []
+        self.sent_topics: list[str] = []
         for cls, topic, qos, seen in (
             (RecorderStatus, names.RECORDER_STATUS, ros.STATE, self.status),
             (SafetyEvent, names.SAFETY_EVENT, ros.LATCHED, self.safety),
@@ -123,11 +123,11 @@ class Session:
         for topic in topics:
             self.spin_until(lambda t=topic: self._know_each_other(t), f"reader: {topic}")
             self._send(topic, KINDS.get(topic, ObjectState)(), ros.stamp_from_ns(0))
-            self.spoken.append(topic)
+            self.sent_topics.append(topic)
 
     def wait_ready(self) -> None:
         early = (names.WORLD_TICK, *STATES, *CAMERA)
-        self.speak(*(one for one in early if one not in self.spoken))
+        self.speak(*(one for one in early if one not in self.sent_topics))
         self.spin_until(lambda: bool(self.status) and self.status[-1].ready, "readiness")
 
     def close(self) -> None:
@@ -178,7 +178,7 @@ def test_an_ordinary_stop_leaves_a_complete_bag(session, monitor, run_file, tmp_
     for k in range(steps):
         session.step(k)
         time.sleep(0.002)
-    sent = steps * 5 + steps // 10 + len(session.spoken) + 1
+    sent = steps * 5 + steps // 10 + len(session.sent_topics) + 1
     session.spin_until(lambda: session.status[-1].messages >= sent, f"{sent} messages")
     monitor.send_signal(signal.SIGTERM)
     out, err = monitor.communicate(timeout=DEADLINE_S)
@@ -247,7 +247,7 @@ def test_messages_of_two_publishers_in_turn_make_no_valid_recording(
     session.spin_until(lambda: second.get_subscription_count() > 0, "reader of the second")
     pub = session.publishers[names.SESSION_STATE]
 
-    sent: Counter[str] = Counter(session.spoken)
+    sent: Counter[str] = Counter(session.sent_topics)
 
     def record(publisher: Any, topic: str, message: Any) -> None:
         """Publishes, and waits until the recorder has it: topics have no order among them."""

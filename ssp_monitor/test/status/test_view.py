@@ -31,13 +31,13 @@ from ssp_monitor.ros.view_node import (
 )
 from ssp_monitor.status.board import (
     Board,
-    HeardManager,
-    HeardSession,
     LatestReport,
     LatestState,
     LinkFact,
+    ManagerStatus,
     RecorderFact,
     SessionFact,
+    SessionStatus,
 )
 from ssp_monitor.status.health import ClockWatch, health
 from tests.support.states import object_state
@@ -160,8 +160,8 @@ def _board(run_mapping: dict[str, Any], **changes: Any) -> Board:
     board = Board(RunSpec.model_validate(run_mapping))
     for name in ("vut", "ot1", "walker"):
         board.objects[name] = LatestState(_state(name), NOW_NS)
-    board.session = HeardSession(SessionFact(NS_PER_S, SessionPhase.RUNNING), NOW_NS)
-    board.manager = HeardManager(NOW_NS)
+    board.session = SessionStatus(SessionFact(NS_PER_S, SessionPhase.RUNNING), NOW_NS)
+    board.manager = ManagerStatus(NOW_NS)
     board.recorder = LatestReport(RecorderFact(True, "bag"), NOW_NS)
     for name, value in changes.items():
         setattr(board, name, value)
@@ -222,12 +222,12 @@ def test_the_recorders_health(fact, level, text, run_mapping):
 )
 def test_the_sessions_health(fact, level, run_mapping):
     assert (
-        _health(_board(run_mapping, session=HeardSession(fact, NOW_NS)))["session"].level is level
+        _health(_board(run_mapping, session=SessionStatus(fact, NOW_NS)))["session"].level is level
     )
 
 
 def test_a_silent_manager_and_a_clock_that_stands(run_mapping):
-    board = _board(run_mapping, manager=HeardManager(NOW_NS - 2 * NS_PER_S))
+    board = _board(run_mapping, manager=ManagerStatus(NOW_NS - 2 * NS_PER_S))
     clock = ClockWatch()
     clock.see(5, NOW_NS - 3 * NS_PER_S)
     clock.see(5, NOW_NS)
@@ -279,7 +279,7 @@ def test_links_of_a_manager_that_tells_nothing_any_more_are_not_known(run_mappin
 
 
 def test_a_state_that_was_held_up_on_its_way_is_old(run_mapping):
-    found = _health(_board(run_mapping, manager=HeardManager(NOW_NS, 3 * NS_PER_S)))
+    found = _health(_board(run_mapping, manager=ManagerStatus(NOW_NS, 3 * NS_PER_S)))
     assert found["object ot1"].level is Level.STALE
     assert ("state age, s", "2.000") in found["object ot1"].values
 

@@ -40,13 +40,13 @@ def drive_messages(
         report: of the step.
         now_ns: session time.
     """
-    if report.asked is not None:
-        yield names.vla_request_topic(driven.driver), _request(report.asked)
-        if report.given is not None and driven.latency.measured:
-            yield names.vla_latency_topic(driven.driver), _latency(report.asked, report.given)
-    if report.answered is not None:
-        yield names.vla_response_topic(driven.driver), _response(driven, report.answered)
-        ack = _ack(report.answered, vut_id, now_ns)
+    if report.question is not None:
+        yield names.vla_request_topic(driven.driver), _request(report.question)
+        if report.answer is not None and driven.latency.measured:
+            yield names.vla_latency_topic(driven.driver), _latency(report.question, report.answer)
+    if report.effective_answer is not None:
+        yield names.vla_response_topic(driven.driver), _response(driven, report.effective_answer)
+        ack = _ack(report.effective_answer, vut_id, now_ns)
         yield names.ack_topic(vut_id), encode_ack(ack)
     if report.effective is not None:
         yield names.reference_topic(vut_id), encode_reference(report.effective)

@@ -382,11 +382,11 @@ class CarlaServer:
         """Measure the boxes of actors that have had a frame."""
         body_boxes = []
         for actor in actors:
-            with self._asking(f"asked for the box of {self._named(actor)}"):
+            with self._asking(f"asked for the box of {self._actor_name(actor)}"):
                 carla_actor = self._world.get_actor(actor)
                 box = None if carla_actor is None else carla_actor.bounding_box
             if box is None:
-                raise self._gone(actor)
+                raise self._lost_actor_error(actor)
             half, at = box.extent, box.location
             body_boxes.append(BodyBox(2 * half.x, 2 * half.y, 2 * half.z, at.x, at.y, at.z))
         return body_boxes
@@ -436,7 +436,7 @@ class CarlaServer:
         with self._asking("asked for its frame"):
             actor_snapshot = self._world.get_snapshot().find(actor)
         if actor_snapshot is None:
-            raise self._gone(actor)
+            raise self._lost_actor_error(actor)
         v = actor_snapshot.get_velocity()
         return CarlaMotion(pose_of_transform(actor_snapshot.get_transform()), (v.x, v.y, v.z))
 
@@ -451,13 +451,13 @@ class CarlaServer:
         for one in placements:
             actor_snapshot = snapshot.find(one.actor)
             if actor_snapshot is None:
-                raise self._gone(one.actor)
+                raise self._lost_actor_error(one.actor)
             pose = pose_of_transform(actor_snapshot.get_transform())
             off = max(abs(pose.x_m - one.pose.x_m), abs(pose.y_m - one.pose.y_m))
             turn = abs((pose.yaw_deg - one.pose.yaw_deg + 180.0) % 360.0 - 180.0)
             if off > _PLACE_M or turn > _YAW_DEG:
                 raise PeerError(
-                    f"CARLA server {self.address}, frame {frame}: {self._named(one.actor)} is "
+                    f"CARLA server {self.address}, frame {frame}: {self._actor_name(one.actor)} is "
                     f"{off:.3f} m and {turn:.2f} degrees from where it was put"
                 )
 
@@ -471,15 +471,15 @@ class CarlaServer:
         for actor, answer in zip(actors, answers, strict=True):
             if answer.error:
                 raise PeerError(
-                    f"CARLA server {self.address} refuses a command for {self._named(actor)}: "
+                    f"CARLA server {self.address} refuses a command for {self._actor_name(actor)}: "
                     f"{answer.error}"
                 )
 
-    def _named(self, actor: int) -> str:
+    def _actor_name(self, actor: int) -> str:
         return self._roles.get(actor, f"actor {actor}")
 
-    def _gone(self, actor: int) -> PeerError:
-        return PeerError(f"CARLA server {self.address}: {self._named(actor)} is gone")
+    def _lost_actor_error(self, actor: int) -> PeerError:
+        return PeerError(f"CARLA server {self.address}: {self._actor_name(actor)} is gone")
 
     def _blueprint_library(self) -> Any:
         with self._asking("asked for its blueprints"):

@@ -42,7 +42,7 @@ class CarlaCamera:
         self.actor = int(sensor.id)
         self.attributes = {str(name): str(value) for name, value in sensor.attributes.items()}
         self.newest = 0
-        self._come: queue.Queue[Picture] = queue.Queue()
+        self._pictures: queue.Queue[Picture] = queue.Queue()
         sensor.listen(self._on_image)
 
     def _on_image(self, image: Any) -> None:
@@ -50,14 +50,14 @@ class CarlaCamera:
         shape = (image.height, image.width, 4)
         pixels = np.frombuffer(image.raw_data, np.uint8).reshape(shape)
         bgr = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGRA2BGR), np.uint8)
-        self._come.put(Picture(int(image.frame), pose_of_transform(image.transform), bgr))
+        self._pictures.put(Picture(int(image.frame), pose_of_transform(image.transform), bgr))
 
     def take(self, frame: int, wait_s: float) -> Picture | None:
         """Return the picture of a frame, None where it doesn't come; drop those of other frames."""
         until = time.monotonic() + wait_s
         while True:
             try:
-                picture = self._come.get(timeout=max(0.0, until - time.monotonic()))
+                picture = self._pictures.get(timeout=max(0.0, until - time.monotonic()))
             except queue.Empty:
                 return None
             self.newest = max(self.newest, picture.frame)

@@ -455,13 +455,13 @@ def read_completion(body: bytes) -> Completion:
         return _of_error(wrong, "its choice")
     end = worst_end(choice, message, value)
     if end.ending is Ending.BROKEN:
-        raise BrokenOff(f"the server broke the answer off ({_word(end.shown)})")
+        raise BrokenOff(f"the server broke the answer off ({_word(end.text)})")
     content = _content(message)
     if content.text is not None and not _is_unicode(content.text):
         raise NoCompletion("its text holds half of a surrogate pair, which is no character")
     refusal = content.refusal
     if end.ending is Ending.FILTERED:
-        refusal = refusal or f"filtered by the server ({_word(end.shown)})"
+        refusal = refusal or f"filtered by the server ({_word(end.text)})"
     apart = [message.get(key) for key in ("reasoning_content", "reasoning", "thinking")]
     reasoning = [_sound(one) for one in apart if isinstance(one, str) and one][:1]
     return Completion(

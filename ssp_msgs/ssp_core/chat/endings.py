@@ -36,11 +36,11 @@ class StatedEnd:
 
     Args:
         reason: in the service's words, None: it says nothing.
-        shown: the key with what it says.
+        text: the key with what it says.
     """
 
     reason: str | None = None
-    shown: str = ""
+    text: str = ""
 
     @property
     def ending(self) -> Ending:
@@ -53,7 +53,7 @@ def worst_end(*places: Mapping[str, Any]) -> StatedEnd:
     Args:
         places: the choice, its message and the reply, the first of which counts most.
     """
-    stated = (one for place in places for one in _stated(place))
+    stated = (one for place in places for one in _stated_ends(place))
     return max(stated, key=lambda one: _RANK.get(one.ending, 0), default=StatedEnd())
 
 
@@ -67,7 +67,7 @@ def blocked_for(reply: Mapping[str, Any]) -> str:
     return ""
 
 
-def _stated(place: Mapping[str, Any]) -> Iterator[StatedEnd]:
+def _stated_ends(place: Mapping[str, Any]) -> Iterator[StatedEnd]:
     is_first = True
     for key in _REASONS:
         reason = _reason(place.get(key))

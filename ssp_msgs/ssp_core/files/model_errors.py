@@ -162,7 +162,7 @@ def known_keys(model: type[Any], location: tuple[str | int, ...]) -> str:
     for part in before:
         inner = [form for one in forms for form in _within(one, part)]
         # A part that is no field names the member of a union.
-        forms = inner or [form for form in forms if _is_called(form, part)] or forms
+        forms = inner or [form for form in forms if _names_member(form, part)] or forms
     keys = list(dict.fromkeys(name for form in forms for name in _keys(form)))
     near = get_close_matches(str(key)[:_LONGEST_KEY], keys, n=2, cutoff=0.6)
     sentences = [f"did you mean {' or '.join(near)}?"] if near else []
@@ -212,7 +212,7 @@ def _keys(form: Any) -> list[str]:
     return list(_fields(form))
 
 
-def _is_called(form: Any, part: str | int) -> bool:
+def _names_member(form: Any, part: str | int) -> bool:
     """Tell whether a part of a location names this member of a union, by class or by its tag."""
     tags = (
         tag

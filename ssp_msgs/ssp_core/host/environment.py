@@ -184,7 +184,7 @@ def environment_errors(
         if env.get(name, "") not in ("", "0", "1"):
             wrong(name, "must be 0 or 1", f"unset {name}, or export it as 1")
     for peer in filter(None, (one.strip() for one in env.get("ROS_STATIC_PEERS", "").split(";"))):
-        if not _is_known(peer, 0):
+        if not _is_resolvable(peer, 0):
             remedy = "correct the address, or unset the variable; between peers stands ;"
             wrong("ROS_STATIC_PEERS", f"{peer} is no known host", remedy)
     _check_security(env, wrong)
@@ -223,13 +223,13 @@ def _server_problems(servers: str, is_dead: Callable[[str, int], bool] | None) -
             yield f"{server} is no HOST:PORT"
             continue
         host = match["host"] or match["address"]
-        if not _is_known(host, port):
+        if not _is_resolvable(host, port):
             yield f"{host} is no known host"
         elif match["host"] and is_dead is not None and is_dead(host, port):
             yield f"no server listens at {host}:{port}, so no node would find another"
 
 
-def _is_known(host: str, port: int) -> bool:
+def _is_resolvable(host: str, port: int) -> bool:
     try:
         return bool(resolve(host, port, socket.SOCK_DGRAM))
     except HostError:

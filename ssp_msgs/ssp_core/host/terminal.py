@@ -101,19 +101,19 @@ class LineWriter:
         self._write = write
         self._lines: SimpleQueue[str | None] = SimpleQueue()
         self._lock = threading.Lock()
-        self._said = self._written = 0
+        self._line_count = self._written = 0
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def __call__(self, line: str) -> None:
         """Have a line written, behind all before it."""
         with self._lock:
-            self._said += 1
+            self._line_count += 1
             self._lines.put(line)
 
     def mark(self) -> Callable[[], bool]:
         """Return a function that tells whether all lines until now are written."""
-        line_count = self._said
+        line_count = self._line_count
         return lambda: self._written >= line_count
 
     def close(self) -> None:

@@ -251,7 +251,7 @@ def find_event(
         ):
             trigger -= 1
     else:
-        index = _shown_ahead(instants, meetings, observable)
+        index = _first_observable_ahead(instants, meetings, observable)
         if index is None:
             return None
         trigger = arrival = ahead = index
@@ -321,7 +321,7 @@ def _arrivals(
     return ahead, behind
 
 
-def _shown_ahead(
+def _first_observable_ahead(
     instants: Sequence[Instant], meetings: Sequence[Encounter], observable: Observable
 ) -> int | None:
     """Return the index from which what an object ahead does shows for BRAKING_HOLD_S."""

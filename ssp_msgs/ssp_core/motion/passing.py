@@ -141,7 +141,7 @@ class _Places:
 
     def followed(self, start: int) -> Passing:
         extent = self._extents[start]
-        own_s = self._reached_s(extent.s_min_m)
+        own_s = self._arrival_s(extent.s_min_m)
         gap_s = None if own_s is None else own_s - self._instants[start].t_s
         zone = Zone(extent.s_min_m, extent.s_max_m)
         return Passing("following", zone, -math.inf, own_s, gap_s)
@@ -172,13 +172,13 @@ class _Places:
             relation, departure_s = "merge", instants[entry].t_s
             whole = (i for i in range(entry, left) if self._corridor.holds(extents[i]))
             zone = Zone(extents[entry].s_min_m, extents[next(whole, left - 1)].s_max_m)
-        arrival_s, own_s = instants[entry].t_s, self._reached_s(zone.start_m)
+        arrival_s, own_s = instants[entry].t_s, self._arrival_s(zone.start_m)
         gap_s = None
         if own_s is not None and arrival_s <= own_s:
             gap_s = None if departure_s is None else own_s - departure_s
         elif own_s is not None:
             end_m = zone.start_m if relation == "merge" else zone.end_m
-            cleared_s = self._reached_s(end_m + instants[0].vut.size.length_m)
+            cleared_s = self._arrival_s(end_m + instants[0].vut.size.length_m)
             # Whoever had left it when the recording begins did so at a time that nobody knows.
             if cleared_s is not None and cleared_s > instants[0].t_s:
                 gap_s = arrival_s - cleared_s
@@ -197,7 +197,7 @@ class _Places:
         before, after = (self._extents[i] for i in (entry - 1, left))
         return (before.l_min_m + before.l_max_m) * (after.l_min_m + after.l_max_m) < 0.0
 
-    def _reached_s(self, station_m: float) -> float | None:
+    def _arrival_s(self, station_m: float) -> float | None:
         """Find when the observer's front reaches a station, between instants.
 
         None: never; the first instant's time where it is beyond from the beginning.

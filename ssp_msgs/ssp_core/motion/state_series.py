@@ -45,7 +45,7 @@ class Packed(Sequence[Row], Generic[Row]):
         self._large: dict[int, int] = {}
         self._others = array("L")
         self._tables: list[tuple[Any, ...]] = []
-        self._known: dict[tuple[Any, ...], int] = {}
+        self._table_numbers: dict[tuple[Any, ...], int] = {}
         for row in rows:
             self.append(row)
 
@@ -57,9 +57,9 @@ class Packed(Sequence[Row], Generic[Row]):
             if whole not in _SMALL:  # nothing that counts or is a time; a damaged file may hold it
                 self._large[len(self._wholes)], whole = whole, 0
             self._wholes.append(whole)
-        number = self._known.get(others)
+        number = self._table_numbers.get(others)
         if number is None:
-            number = self._known[others] = len(self._tables)
+            number = self._table_numbers[others] = len(self._tables)
             self._tables.append(others)
         self._others.append(number)
 

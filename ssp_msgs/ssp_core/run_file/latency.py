@@ -43,7 +43,7 @@ class Latency:
         return "measured L" if self.measured else f"L = {self.seconds:g} s"
 
     @property
-    def shown(self) -> str:
+    def cell_text(self) -> str:
         """The latency in a table whose column names the unit, s."""
         return "measured" if self.measured else f"{self.seconds:g}"
 

@@ -246,15 +246,19 @@ class Situation:
         """
         states = {**self.targets, **({} if self.vut is None else {self.spec.vut.id: self.vut})}
         everyone = (self.spec.vut, *self.spec.targets)
-        return [(one, self._turned(one, states[one.id])) for one in everyone if one.id in states]
+        return [
+            (one, self._with_start_heading(one, states[one.id]))
+            for one in everyone
+            if one.id in states
+        ]
 
-    def _turned(self, one: ParticipantSpec, state: ObjectState) -> ObjectState:
+    def _with_start_heading(self, one: ParticipantSpec, state: ObjectState) -> ObjectState:
         """Return a state, turned as its start is where its heading isn't known at rest."""
         if one.id not in self.spec.limits.heading_by_course:
             return state
         return replace(state, yaw_rad=one.start.yaw_rad)
 
-    def as_judged(self, one: ParticipantSpec, state: ObjectState) -> Sequence[ObjectState]:
+    def states_to_judge(self, one: ParticipantSpec, state: ObjectState) -> Sequence[ObjectState]:
         """Return a state, and beside it the one as stated, which an armed session is judged by."""
         stated = self.state_of(one.id)
         return (state,) if stated is None or stated is state else (state, stated)
@@ -384,7 +388,7 @@ def _links_good(at: Situation) -> Iterator[Obstacle]:
         yield from silent
         if not silent:
             for passed in judge.link_violations(link.offset_s, link.delay_s, limits):
-                yield from _passed(_OF_LINK[passed.code], sign.who, passed)
+                yield from _limit_obstacle(_OF_LINK[passed.code], sign.who, passed)
 
 
 def _stamps_good(at: Situation) -> Iterator[Obstacle]:
@@ -408,7 +412,7 @@ def _in_place(at: Situation) -> Iterator[Obstacle]:
             which = " or ".join(control.name for control in control_states)
             detail = f"{state.control_state.name}, not {which}"
             yield Obstacle(Need.CONTROL, participant.id, detail=detail)
-        if not all(one.is_finite for one in at.as_judged(participant, state)):
+        if not all(one.is_finite for one in at.states_to_judge(participant, state)):
             yield Obstacle(Need.FINITE, participant.id)
         else:
             yield from _at_its_start(at, participant, state)
@@ -420,7 +424,7 @@ def _at_its_start(
     who, limits, start = participant.id, at.spec.limits, participant.start
     if stated := judge.other_body(state, participant.cls):
         yield Obstacle(Need.BODY_STATED, who, detail=stated)
-    yield from _passed(Need.LOCALISED, who, judge.localisation(state, limits))
+    yield from _limit_obstacle(Need.LOCALISED, who, judge.localisation(state, limits))
     away_m = math.hypot(state.x_m - start.x_m, state.y_m - start.y_m)
     if not away_m <= limits.start_region_m:
         yield Obstacle(Need.AT_START, who, away_m, limits.start_region_m)
@@ -435,10 +439,10 @@ def _at_its_start(
         yield Obstacle(Need.STAYING, who, *way_and_limit_m, f" in {judge.STOOD_S:g} s")
     if watch is not None and watch.doubt is not None:
         yield Obstacle(Need.CONSISTENT, who, detail=watch.doubt.text)
-    boxes = [one.box for one in at.as_judged(participant, state)]
+    boxes = [one.box for one in at.states_to_judge(participant, state)]
     excess_m = max(box_excess_m(box, at.spec.geofence) for box in boxes)
-    yield from _passed(Need.INSIDE, who, judge.outside_geofence(excess_m))
-    for passed in judge.stated(state, limits):
+    yield from _limit_obstacle(Need.INSIDE, who, judge.outside_geofence(excess_m))
+    for passed in judge.statement_violations(state, limits):
         if passed.code is not SafetyCode.LOCALISATION:
             meaning = MEANINGS[passed.code]
             limit = f"limit {passed.limit:g} {meaning.unit}"
@@ -458,7 +462,7 @@ def _young_for_triggers(at: Situation) -> Iterator[Obstacle]:
 def _apart(at: Situation) -> Iterator[Obstacle]:
     """Find pairs that would break the separation limit as soon as the run starts."""
     limits = at.spec.limits
-    everyone = [at.as_judged(one, state) for one, state in at.present]
+    everyone = [at.states_to_judge(one, state) for one, state in at.present]
     for (i, ours), (k, others) in combinations(enumerate(everyone), 2):
         pairs = [(a, b) for a, b in product(ours, others) if a.is_finite and b.is_finite]
         near = [pair for pair in pairs if judge.separation(*pair, limits) is not None]
@@ -473,7 +477,7 @@ def _silent(sign: SignOfLife, silence_s: float, why: str = "") -> Iterator[Obsta
         yield Obstacle(_OF_SIGN[sign.code], sign.who, silence_s, sign.arming_limit_s, why)
 
 
-def _passed(need: Need, who: str, passed: LimitViolation | None) -> Iterator[Obstacle]:
+def _limit_obstacle(need: Need, who: str, passed: LimitViolation | None) -> Iterator[Obstacle]:
     if passed is not None:
         yield Obstacle(need, who, passed.measured, passed.limit)
 

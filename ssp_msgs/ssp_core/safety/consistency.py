@@ -91,13 +91,13 @@ class WindowCounts:
     """The windows that were judged, since the watch was made.
 
     Args:
-        judged: how many.
+        total: how many.
         moving: those of them in which the object moved.
         near_misses: those that came near to their bound, or passed it.
         nearest: the largest share of its bound that one of them reached.
     """
 
-    judged: int = 0
+    total: int = 0
     moving: int = 0
     near_misses: int = 0
     nearest: float = 0.0
@@ -196,7 +196,7 @@ class ConsistencyWatch:
         start = samples.window_start()
         if start is None:
             return
-        self.counts.judged += 1
+        self.counts.total += 1
         share, moves, off = self._share(start)
         self.counts.moving += moves
         if off and share <= 1.0 and self._in_map_axes(start):
@@ -211,7 +211,7 @@ class ConsistencyWatch:
             self._speed_delays.begin_anew()
             self._yaw_delays.begin_anew()
         else:
-            window, by_speed = self._found(start)
+            window, by_speed = self._unexplained_window(start)
         if share <= 1.0:
             self._take_for_now(window, moves)
         elif window is None:
@@ -298,7 +298,7 @@ class ConsistencyWatch:
                 return False
         return True
 
-    def _found(self, start: int) -> tuple[Window | None, bool]:
+    def _unexplained_window(self, start: int) -> tuple[Window | None, bool]:
         """Give the window in which no delay explains what is stated; None: one does.
 
         Returns:

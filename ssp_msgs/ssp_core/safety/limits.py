@@ -208,7 +208,7 @@ def localisation(state: ObjectState, limits: Limits) -> LimitViolation | None:
     return _judge(SafetyCode.LOCALISATION, state.position_std_m, limits.position_std_m)
 
 
-def stated(state: ObjectState, limits: Limits) -> list[LimitViolation]:
+def statement_violations(state: ObjectState, limits: Limits) -> list[LimitViolation]:
     """Check what a state says of itself beside place and speed: uncertainty, and errors.
 
     Errors count off the reference that it states, if it does.
@@ -308,7 +308,7 @@ def net_way_m(watch: ConsistencyWatch) -> tuple[float, float] | None:
     return None if way_m <= limit_m else (way_m, limit_m)
 
 
-def has_stood(state: ObjectState, watch: ConsistencyWatch) -> bool:
+def is_standing(state: ObjectState, watch: ConsistencyWatch) -> bool:
     """Tell whether speed and places say that the object stands, as far as places are known."""
     return abs(state.speed_mps) <= STANDSTILL_MPS and net_way_m(watch) is None
 
@@ -343,12 +343,12 @@ class Continuity:
 
     Args:
         before: the newest state that could be judged; None before the first.
-        stood_at: the first state at the present position of an object that moves, as it says, or
+        rest_state: the first state at the present position of an object that moves, as it says, or
             that must move; None while the position moves, or while the object may stand.
     """
 
     before: ObjectState | None = None
-    stood_at: ObjectState | None = None
+    rest_state: ObjectState | None = None
 
 
 def follow(
@@ -377,18 +377,18 @@ def follow(
         violations.append(jumped)
     if before is not None and (changed := body_changed(before, state)) is not None:
         violations.append(changed)
-    stood_at = _stood_at(memory, state, asked_mps)
-    if stood_at is not None and stood_at is not state:
-        stood_s = ns_to_seconds(state.stamp_ns - stood_at.stamp_ns)
+    rest_state = _rest_state(memory, state, asked_mps)
+    if rest_state is not None and rest_state is not state:
+        stood_s = ns_to_seconds(state.stamp_ns - rest_state.stamp_ns)
         if (frozen := state_frozen(stood_s, limits)) is not None:
             violations.append(frozen)
-    return Continuity(state, stood_at), violations
+    return Continuity(state, rest_state), violations
 
 
-def _stood_at(memory: Continuity, state: ObjectState, asked_mps: float) -> ObjectState | None:
+def _rest_state(memory: Continuity, state: ObjectState, asked_mps: float) -> ObjectState | None:
     if max(abs(state.speed_mps), asked_mps) <= MOVING_MPS:
         return None
-    since = memory.stood_at
+    since = memory.rest_state
     if since is None:
         return state
     moved_m = math.hypot(state.x_m - since.x_m, state.y_m - since.y_m)

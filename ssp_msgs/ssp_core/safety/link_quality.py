@@ -58,30 +58,30 @@ class LinkClock:
 
     def __init__(self) -> None:
         self._window: deque[tuple[int, Exchange]] = deque(maxlen=_MOST_EXCHANGES)
-        self._answered_ns: int | None = None
+        self._answer_ns: int | None = None
         # All objects of a process are asked about at the same instant.
-        self._known: tuple[int, LinkEstimate] | None = None
+        self._cached_estimate: tuple[int, LinkEstimate] | None = None
 
     def add(self, exchange: Exchange, steady_ns: int) -> None:
         """Take an answer, and when it came on the steady clock."""
         if exchange.delay_s < _IMPOSSIBLE_DELAY_S:
             return
-        self._answered_ns = steady_ns
-        self._known = None
+        self._answer_ns = steady_ns
+        self._cached_estimate = None
         self._window.append((steady_ns, exchange))
 
     def link(self, steady_ns: int) -> LinkEstimate:
         """Return the offset and delay of the fastest exchange of the last WINDOW_S."""
-        if self._known is None or self._known[0] != steady_ns:
-            self._known = steady_ns, self._measured(steady_ns)
-        return self._known[1]
+        if self._cached_estimate is None or self._cached_estimate[0] != steady_ns:
+            self._cached_estimate = steady_ns, self._estimate_at(steady_ns)
+        return self._cached_estimate[1]
 
-    def _measured(self, steady_ns: int) -> LinkEstimate:
-        if self._answered_ns is None:
+    def _estimate_at(self, steady_ns: int) -> LinkEstimate:
+        if self._answer_ns is None:
             return LinkEstimate()
         oldest_ns = steady_ns - seconds_to_ns(WINDOW_S)
         recent = [exchange for at_ns, exchange in self._window if at_ns >= oldest_ns]
-        age_s = (steady_ns - self._answered_ns) / NS_PER_S
+        age_s = (steady_ns - self._answer_ns) / NS_PER_S
         if not recent:
             return LinkEstimate(age_s=age_s)
         best = min(recent, key=lambda exchange: exchange.delay_s)
@@ -176,7 +176,7 @@ class LossCounters:
     """States of everybody, and what has been said about losses so far."""
 
     of: dict[str, LossCounter] = field(default_factory=dict)
-    _told: dict[str, int] = field(default_factory=dict)
+    _reported_counts: dict[str, int] = field(default_factory=dict)
 
     def see(self, object_id: str, sequence: int) -> None:
         self.of.setdefault(object_id, LossCounter()).see(sequence)
@@ -184,17 +184,17 @@ class LossCounters:
     def forget(self) -> None:
         """Forget all counts: a new run counts anew."""
         self.of.clear()
-        self._told.clear()
+        self._reported_counts.clear()
 
     def news(self) -> list[str]:
         """Return one line for people per object that has lost states since the last call."""
         lines = []
         for object_id, count in sorted(self.of.items()):
-            previous_count = self._told.get(object_id, 0)
+            previous_count = self._reported_counts.get(object_id, 0)
             if count.lost > previous_count:
                 lines.append(
                     f"{object_id}: {count.lost - previous_count} states lost, "
                     f"{count.lost} of {count.lost + count.received} so far"
                 )
-            self._told[object_id] = max(previous_count, count.lost)
+            self._reported_counts[object_id] = max(previous_count, count.lost)
         return lines

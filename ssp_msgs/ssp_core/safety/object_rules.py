@@ -164,25 +164,27 @@ def check_rules(ours: ObjectRules, theirs: ObjectRules | None, object_id: str) -
     return RulesCheck(theirs.digest, stricter=tuple(stricter))
 
 
-class HeardRules:
+class ReceivedRules:
     """The rules heard from objects, compared with those of a run."""
 
     def __init__(self) -> None:
-        self._heard: dict[str, ObjectRules] = {}
+        self._received_rules: dict[str, ObjectRules] = {}
         self._run: RunSpec | None = None
         self._checks: dict[str, RulesCheck] = {}
 
     def hear(self, statement: tuple[str, ObjectRules]) -> None:
         """Take whose they are, and what an object says to judge by; the newest word counts."""
         object_id, rules = statement
-        self._heard[object_id] = rules
+        self._received_rules[object_id] = rules
         self._run = None
 
     def checks(self, run: RunSpec) -> dict[str, RulesCheck]:
         """Return the check of each object of a run."""
         if run is not self._run:
             ids = [target.id for target in run.targets]
-            self._checks = {i: check_rules(rules_of(run, i), self._heard.get(i), i) for i in ids}
+            self._checks = {
+                i: check_rules(rules_of(run, i), self._received_rules.get(i), i) for i in ids
+            }
             self._run = run
         return self._checks
 

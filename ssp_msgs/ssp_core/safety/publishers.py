@@ -226,7 +226,7 @@ class PublisherRules:
         self.expected = expected_publishers(run)
         self._of_drivers: frozenset[str] = frozenset()
         self._proofs = _proofs(run)
-        self._known: dict[Part, set[bytes]] = {part: set() for part in Part}
+        self._accepted_processes: dict[Part, set[bytes]] = {part: set() for part in Part}
         self._doubtful = frozenset[Part]()
 
     def expect_one(self, topics: Collection[str]) -> None:
@@ -248,10 +248,10 @@ class PublisherRules:
         doubtful = set()
         for topic, part in self._proofs.items():
             if len(publishers := graph.get(topic, ())) == 1:
-                self._known[part].add(publishers[0].process)
+                self._accepted_processes[part].add(publishers[0].process)
             elif len(publishers) > 1:
                 doubtful.add(part)
-        self._doubtful = frozenset(part for part in doubtful if not self._known[part])
+        self._doubtful = frozenset(part for part in doubtful if not self._accepted_processes[part])
 
     @property
     def proofs(self) -> frozenset[str]:
@@ -268,7 +268,7 @@ class PublisherRules:
         parts = self.expected[topic]
         if not parts:
             return _too_many(topic, publishers) if len(publishers) > 1 else None
-        own_processes = set[bytes]().union(*(self._known[part] for part in parts))
+        own_processes = set[bytes]().union(*(self._accepted_processes[part] for part in parts))
         strange, processes = [], set[bytes]()
         for one in publishers:
             ours = Part.RUNNER in parts and one.node == _RUNNER

@@ -53,7 +53,7 @@ class StartHeading:
     def clear(self) -> None:
         """Wait for the next first metre."""
         self._is_over = self._bounds.direction_rad is None
-        self._stood: ObjectState | None = None
+        self._rest_state: ObjectState | None = None
         self._before: ObjectState | None = None
         self._longest: tuple[float, float] = (0.0, 0.0)
         self._may_step = True
@@ -65,12 +65,12 @@ class StartHeading:
             state: with finite values; an older one has no effect.
             stands: by its speed and by its places.
         """
-        before, rest_state = self._before, self._stood
+        before, rest_state = self._before, self._rest_state
         if self._is_over or (before is not None and state.stamp_ns <= before.stamp_ns):
             return None
         self._before = state
         if stands or rest_state is None or before is None:
-            self._stood, self._longest = state, (0.0, 0.0)
+            self._rest_state, self._longest = state, (0.0, 0.0)
             return None
         step = state.x_m - before.x_m, state.y_m - before.y_m
         self._longest = max(step, self._longest, key=lambda way: math.hypot(*way))
@@ -83,14 +83,14 @@ class StartHeading:
         if way_m < LEAST_WAY_M or way_m <= uncertain_m:
             return None
         bound_rad = max(self._tolerance_rad, math.atan2(uncertain_m, way_m))
-        turned_rad = self._turned_rad(math.atan2(y_m, x_m), state.speed_mps)
+        turned_rad = self._deviation_rad(math.atan2(y_m, x_m), state.speed_mps)
         if abs(turned_rad) <= bound_rad:
             self._is_over = True
             return None
         if self._may_step and math.hypot(*self._longest) <= self._bounds.jump_m:
             # One correction of a receiver is no way.
             x_m, y_m = rest_state.x_m + self._longest[0], rest_state.y_m + self._longest[1]
-            self._stood = replace(rest_state, x_m=x_m, y_m=y_m)
+            self._rest_state = replace(rest_state, x_m=x_m, y_m=y_m)
             self._longest, self._may_step = (0.0, 0.0), False
             return None
         self._is_over = True
@@ -105,7 +105,7 @@ class StartHeading:
         std_m, most_m = state.position_std_m, self._bounds.position_std_m
         return SIGMAS * (std_m if std_m <= most_m else most_m)
 
-    def _turned_rad(self, course_rad: float, speed_mps: float) -> float:
+    def _deviation_rad(self, course_rad: float, speed_mps: float) -> float:
         turned = wrap_angle(course_rad - self._yaw_rad)
         if self._bounds.signed:
             return wrap_angle(turned + math.pi) if speed_mps < 0.0 else turned

@@ -257,19 +257,19 @@ class DriveReport:
 
     Args:
         mode: what leads the VUT until the next step.
-        answered: became effective in this step.
+        effective_answer: became effective in this step.
         effective: reference that is tracked from this step on, where it is a new one.
-        asked: the question of this step's frame.
-        given: what came of it.
+        question: that of this step's frame.
+        answer: what came of it.
         died: why the driver gives no answers any more; empty: it does.
         dies: why it ends with the question that is open; empty: it doesn't.
     """
 
     mode: DriveMode
-    answered: EffectiveAnswer | None = None
+    effective_answer: EffectiveAnswer | None = None
     effective: Reference | None = None
-    asked: Question | None = None
-    given: GivenAnswer | None = None
+    question: Question | None = None
+    answer: GivenAnswer | None = None
     died: str = ""
     dies: str = ""
 
@@ -342,7 +342,7 @@ def driver_options(
         InputError: no such driver, or no such option.
     """
     baselines = Provider.BASELINES.load()
-    if baselines.is_known(name):
+    if baselines.is_baseline(name):
         baselines.make_driver(name, raw_options)
         return dict(raw_options)
     models, baseline_names = Provider.MODELS.load(), baselines.known_names()
@@ -361,7 +361,7 @@ def check_models(models_file: Path) -> None:
 
 def sees_frames(name: str) -> bool:
     """Tell whether a driver's questions hold frames: those of all models do."""
-    is_baseline: bool = Provider.BASELINES.load().is_known(name)
+    is_baseline: bool = Provider.BASELINES.load().is_baseline(name)
     return not is_baseline
 
 

@@ -124,7 +124,7 @@ class TransformFilter:
     """
 
     def __init__(self) -> None:
-        self._told: dict[str, int] = {}
+        self._sent_stamps_ns: dict[str, int] = {}
 
     def news(self, states: Iterable[ObjectState]) -> list[Transform]:
         """Return transforms of the states that are later than those sent of their objects.
@@ -133,10 +133,10 @@ class TransformFilter:
         """
         transforms = []
         for state in states:
-            known_ns = self._told.get(state.object_id, -1)
+            known_ns = self._sent_stamps_ns.get(state.object_id, -1)
             pose = state.x_m + state.y_m + state.yaw_rad
             if known_ns < state.stamp_ns < _LATEST_NS and math.isfinite(pose):
-                self._told[state.object_id] = state.stamp_ns
+                self._sent_stamps_ns[state.object_id] = state.stamp_ns
                 transforms.append(of_state(state))
         return transforms
 

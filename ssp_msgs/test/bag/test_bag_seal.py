@@ -443,7 +443,7 @@ def test_a_seal_that_was_taken_out_is_missed(bag: Path, report: bytes, missing: 
 # -- the verdict -----------------------------------------------------------------------------------
 
 
-def judged(bag: Path) -> str:
+def verdict_of(bag: Path) -> str:
     with BagReader(bag) as reader:
         return check_verdict(reader, read_seal(reader), bag)
 
@@ -459,7 +459,7 @@ def test_a_verdict_is_in_the_bag_and_beside_it(bag: Path) -> None:
     assert (len(seal.ends), seal.ends[0], seal.end) == (3, before, end)
     assert json.loads((bag / "verdict.json").read_text())["seal"] == seal.ends[1]
     assert check_bag(bag).ok
-    assert judged(bag) == ""
+    assert verdict_of(bag) == ""
 
 
 def test_a_verdict_that_was_edited_is_named(bag: Path) -> None:
@@ -469,7 +469,7 @@ def test_a_verdict_that_was_edited_is_named(bag: Path) -> None:
     with pytest.raises(
         InputError, match="says valid; the verdict in the bag is off_spec: too late"
     ):
-        judged(bag)
+        verdict_of(bag)
     assert any("off_spec" in problem for problem in check_bag(bag).problems)
 
 
@@ -490,7 +490,7 @@ def test_a_verdict_of_another_bag_is_named(bag: Path, tmp_path: Path) -> None:
     leave_verdict(other, Verdict.VALID, [], "runner")
     shutil.copy(other / "verdict.json", bag)
     with pytest.raises(InputError, match="is of another recording"):
-        judged(bag)
+        verdict_of(bag)
 
 
 def leave_result(folder: Path, **values: object) -> None:
@@ -501,16 +501,16 @@ def leave_result(folder: Path, **values: object) -> None:
 def test_the_result_of_a_run_is_held_against_its_bag(bag: Path) -> None:
     end = leave_verdict(bag, Verdict.OFF_SPEC, ["too late"], "runner")
     leave_result(bag, seal=end, verdict="off_spec")
-    assert judged(bag) == ""
+    assert verdict_of(bag) == ""
     assert check_bag(bag).ok
     leave_result(bag, seal=end, verdict="valid")
     with pytest.raises(InputError, match=r"verdict: says another verdict than its bag, off_spec"):
-        judged(bag)
+        verdict_of(bag)
     # The bag is sealed anew, with a verdict that is its own.
     leave_result(bag, seal=end, verdict="off_spec")
     leave_verdict(bag, Verdict.OFF_SPEC, [], "runner")
     with pytest.raises(InputError, match=r"result.json: seal: names another seal than its bag"):
-        judged(bag)
+        verdict_of(bag)
     assert any("another seal" in problem for problem in check_bag(bag).problems)
 
 
@@ -518,16 +518,16 @@ def test_the_result_of_a_run_is_held_against_its_bag(bag: Path) -> None:
 def test_a_result_that_is_not_of_the_bag_says_nothing(bag: Path, values: dict[str, object]) -> None:
     leave_verdict(bag, Verdict.VALID, [], "runner")
     leave_result(bag, **{"seal": "00" * 32, **values})
-    assert judged(bag) == ""
+    assert verdict_of(bag) == ""
     (bag.parent / "result.json").write_text("no JSON")
-    assert judged(bag) == ""
+    assert verdict_of(bag) == ""
 
 
 def test_a_verdict_beside_a_bag_alone_is_said(bag: Path) -> None:
     (bag / "verdict.json").write_text(
         '{"schema": "ssp.verdict/1", "verdict": "valid", "reasons": []}'
     )
-    assert judged(bag) == UNBOUND
+    assert verdict_of(bag) == UNBOUND
     assert UNBOUND in check_bag(bag).remarks
 
 
@@ -541,10 +541,10 @@ def test_nobody_calls_valid_what_was_not_closed(bag: Path, tmp_path: Path) -> No
     recover(bag, made)
     told = {"schema": "ssp.verdict/1", "verdict": "aborted", "reasons": ["a lost link"]}
     (made / "verdict.json").write_text(json.dumps(told))
-    assert judged(made) == UNBOUND
+    assert verdict_of(made) == UNBOUND
     (made / "verdict.json").write_text(json.dumps({**told, "verdict": "valid", "reasons": []}))
     with pytest.raises(InputError, match="ends unclosed: no runner calls such a recording valid"):
-        judged(made)
+        verdict_of(made)
 
 
 def test_a_full_disk_leaves_the_bag_as_it_was(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:

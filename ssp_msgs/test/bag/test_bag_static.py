@@ -94,28 +94,28 @@ def test_each_later_file_begins_with_the_transforms_of_all_publishers(
     assert frames(tmp_path / "rest") == [["mast", "camera", "lidar"]]
 
 
-def kept(*messages: bytes) -> list[bytes]:
+def latched_bytes(*messages: bytes) -> list[bytes]:
     static = StaticTransforms()
     for k, message in enumerate(messages):
         static.keep(LatchedMessage(message, k, k))
-    return [one.cdr for one in static.kept]
+    return [one.cdr for one in static.messages]
 
 
 def test_the_newest_transform_of_a_child_frame_counts() -> None:
     moved = transform("mast", 9.0)
-    (merged,) = kept(cdr(THREE[0], THREE[1]), cdr(moved), cdr(THREE[2]))
+    (merged,) = latched_bytes(cdr(THREE[0], THREE[1]), cdr(moved), cdr(THREE[2]))
     assert decode_transforms(merged) == (THREE[1], moved, THREE[2])
 
 
 def test_a_message_that_says_all_is_kept_as_it_is() -> None:
     whole = cdr(*THREE) + bytes(3)  # as some middleware rounds it up
-    assert kept(whole) == [whole]
-    assert kept(cdr(THREE[0]), whole) == [whole]
-    assert kept(cdr(transform("other")), whole) != [whole]
+    assert latched_bytes(whole) == [whole]
+    assert latched_bytes(cdr(THREE[0]), whole) == [whole]
+    assert latched_bytes(cdr(transform("other")), whole) != [whole]
 
 
 def test_what_is_no_message_of_transforms_is_kept_beside_them() -> None:
-    assert kept(b"nonsense", cdr(THREE[0])) == [b"nonsense", cdr(THREE[0])]
+    assert latched_bytes(b"nonsense", cdr(THREE[0])) == [b"nonsense", cdr(THREE[0])]
     static = StaticTransforms()
     assert static.take(LatchedMessage(b"nonsense", 0, 0)) == b"nonsense"
     assert static.take(LatchedMessage(cdr(THREE[0]), 0, 0)) == cdr(THREE[0])

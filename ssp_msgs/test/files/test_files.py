@@ -492,7 +492,7 @@ def another_command(folder: Path, *, empty: bool = True) -> Iterator[subprocess.
         process.kill()
 
 
-def said(process: subprocess.Popen[str]) -> str:
+def first_line(process: subprocess.Popen[str]) -> str:
     assert process.stdout is not None
     return process.stdout.readline().strip()
 
@@ -501,9 +501,9 @@ def test_a_folder_has_one_writer(tmp_path: Path) -> None:
     """Two runs into one new folder destroyed each other's recording."""
     out = tmp_path / "out"
     with another_command(out) as first:
-        assert said(first) == "has it"
+        assert first_line(first) == "has it"
         with another_command(out) as second:
-            assert "another command writes into just now" in said(second)
+            assert "another command writes into just now" in first_line(second)
         with (
             pytest.raises(InputError, match="another command writes into"),
             taken_folder(out),
@@ -526,18 +526,18 @@ def test_of_many_that_come_at_once_one_gets_the_folder(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with ExitStack() as stack:
         many = [stack.enter_context(another_command(out)) for _ in range(6)]
-        assert sorted(said(one) == "has it" for one in many) == [False] * 5 + [True]
+        assert sorted(first_line(one) == "has it" for one in many) == [False] * 5 + [True]
 
 
 def test_a_folder_whose_writer_was_killed_is_taken_over(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with another_command(out) as first:
-        assert said(first) == "has it"
+        assert first_line(first) == "has it"
         first.kill()
         first.wait(60.0)
         assert names(out) == [TAKEN_FILE]
         with another_command(out) as second:
-            assert said(second) == "has it"
+            assert first_line(second) == "has it"
 
 
 def folder_with(folder: Path, text: str) -> Path:

@@ -42,7 +42,7 @@ def program(before: str = "") -> subprocess.Popen[str]:
     return process
 
 
-def told(process: subprocess.Popen[str], *numbers: str) -> list[str]:
+def signal_words(process: subprocess.Popen[str], *numbers: str) -> list[str]:
     """Send signals one at a time, and return what the process says of them until its input ends."""
     said = []
     assert process.stdin is not None
@@ -65,17 +65,20 @@ def told(process: subprocess.Popen[str], *numbers: str) -> list[str]:
 @pytest.mark.parametrize("name", ENDS)
 def test_each_wish_to_end_is_heard_and_its_echo_isn_t(name: str) -> None:
     soon = "terminal._SAME_WISH_S = 1e9"  # however busy the host is
-    assert told(program(soon), name, name, "SIGTERM") == [name]
+    assert signal_words(program(soon), name, name, "SIGTERM") == [name]
 
 
 def test_who_insists_is_heard_again_but_no_closed_terminal() -> None:
     late = "terminal._SAME_WISH_S = 0.0"
-    assert told(program(late), "SIGHUP", "SIGHUP", "SIGQUIT", "SIGINT") == ["SIGHUP", "SIGINT"]
+    assert signal_words(program(late), "SIGHUP", "SIGHUP", "SIGQUIT", "SIGINT") == [
+        "SIGHUP",
+        "SIGINT",
+    ]
 
 
 def test_nohup_stays_deaf_to_a_closed_terminal() -> None:
     nohup = "signal.signal(signal.SIGHUP, signal.SIG_IGN)"
-    assert told(program(nohup), "SIGHUP", "SIGTERM") == ["SIGTERM"]
+    assert signal_words(program(nohup), "SIGHUP", "SIGTERM") == ["SIGTERM"]
 
 
 WRITER = """

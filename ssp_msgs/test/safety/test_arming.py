@@ -53,7 +53,7 @@ def participants(spec: RunSpec, **changes: dict[str, Any]) -> dict[str, ObjectSt
     }
 
 
-def found(
+def obstacles_of(
     spec: RunSpec = RUN,
     facts: Facts = READY,
     states: dict[str, ObjectState] | None = None,
@@ -77,7 +77,7 @@ def about(need: Need, who: str, detail: str = "") -> tuple[Need, str, float, flo
 
 
 def test_who_is_sound_and_in_place_meets_no_obstacle() -> None:
-    assert found() == []
+    assert obstacles_of() == []
     assert Obstacle(Need.WORLD).who == ""
 
 
@@ -86,7 +86,7 @@ def test_while_the_world_waits_for_answers_the_objects_silence_is_named_as_well(
     states = participants(RUN)
     del states["vut"], states["ot2"]
     for gate in (Gate.CONNECT, Gate.ARM):
-        assert found(facts=waits, states=states, gate=gate) == [
+        assert obstacles_of(facts=waits, states=states, gate=gate) == [
             about(Need.ANSWERS, names.SIL_WORLD, "monitor and front_camera"),
             (Need.OBJECT_STATE, "ot2", math.inf, 6.0, ""),
         ]
@@ -94,9 +94,9 @@ def test_while_the_world_waits_for_answers_the_objects_silence_is_named_as_well(
     del states["ot1"]
     dead = replace(waits, ages_s={**READY.ages_s, names.VUT_ID: 7.0})
     own = {"vut": participants(RUN)["vut"], **participants(RUN)}
-    assert found(facts=dead, states=own) == [(Need.VUT_STATE, names.VUT_ID, 7.0, 6.125, "")]
+    assert obstacles_of(facts=dead, states=own) == [(Need.VUT_STATE, names.VUT_ID, 7.0, 6.125, "")]
     ages = {who: age_s for who, age_s in READY.ages_s.items() if who != names.SIL_WORLD}
-    alone = found(facts=replace(waits, ages_s=ages), states={}, gate=Gate.CONNECT)
+    alone = obstacles_of(facts=replace(waits, ages_s=ages), states={}, gate=Gate.CONNECT)
     assert alone[0] == (Need.VUT_STATE, names.VUT_ID, math.inf, 6.125, "")
 
 
@@ -116,7 +116,7 @@ def test_each_obstacle_names_whom_it_is_about() -> None:
     states = participants(RUN)
     del states["ot1"]
     gone = "one whose process has ended is forgotten within 20 s"
-    assert found(facts=facts, states=states) == [
+    assert obstacles_of(facts=facts, states=states) == [
         (Need.OBJECT_STATE, "ot1", math.inf, 6.0, "deaf; mute"),
         about(Need.RECEIVER, "vut", "no fix"),
         about(Need.BODY, "ot1", "no power"),
@@ -128,7 +128,7 @@ def test_each_obstacle_names_whom_it_is_about() -> None:
         about(Need.RULES, "ot2", "ot2 judges by another step_s"),
     ]
     unnamed = replace(READY, other_managers=1)
-    assert found(facts=unnamed) == [(Need.ONE_MANAGER, "", 1.0, 0.0, "")]
+    assert obstacles_of(facts=unnamed) == [(Need.ONE_MANAGER, "", 1.0, 0.0, "")]
 
 
 @pytest.mark.parametrize(
@@ -148,9 +148,9 @@ def test_a_link_that_is_not_measured_is_silent(
     link: LinkEstimate, obstacle: tuple[Need, str, float, float, str] | None
 ) -> None:
     facts = replace(READY, links={**READY.links, "ot1": link})
-    assert found(facts=facts) == ([] if obstacle is None else [obstacle])
+    assert obstacles_of(facts=facts) == ([] if obstacle is None else [obstacle])
     missing = replace(READY, links={"ot2": LinkEstimate(0.0, 0.0, 0.0)})
-    assert found(facts=missing) == [(Need.REPLY, "ot1", math.inf, 0.25, "")]
+    assert obstacles_of(facts=missing) == [(Need.REPLY, "ot1", math.inf, 0.25, "")]
 
 
 def stood(way_m: float) -> ConsistencyWatch:
@@ -194,23 +194,23 @@ def test_one_object_that_is_not_in_place_is_named_alone(
         wanted = "ARMED"
         both = {who: {"control_state": ControlState.ARMED, **one} for who, one in both.items()}
     named = [(*one[:4], one[4].format(wanted)) for one in expected]
-    assert found(states=participants(RUN, **both), gate=gate) == named
+    assert obstacles_of(states=participants(RUN, **both), gate=gate) == named
 
 
 def test_places_that_went_on_are_named_where_the_speed_says_standstill() -> None:
     facts = replace(READY, motion={"ot1": stood(0.5), "ot2": stood(0.1)})
-    assert found(facts=facts) == [(Need.STAYING, "ot1", 0.5, 0.1, " in 1 s")]
+    assert obstacles_of(facts=facts) == [(Need.STAYING, "ot1", 0.5, 0.1, " in 1 s")]
     doubted = ConsistencyWatch(Bounds())
     for step in range(50):
         doubted.take(step * S // 50, 0.2 * step if step < 40 else 7.8, 0.0, 0.0, 0.0)
     assert doubted.doubt is not None
     text = doubted.doubt.text
-    assert found(facts=replace(READY, motion={"ot2": doubted})) == [
+    assert obstacles_of(facts=replace(READY, motion={"ot2": doubted})) == [
         (Need.STAYING, "ot2", pytest.approx(7.8), 0.1, " in 1 s"),
         about(Need.CONSISTENT, "ot2", text),
     ]
     fast = participants(RUN, ot1={"speed_mps": 1.0})
-    assert found(facts=facts, states=fast) == [(Need.STANDING, "ot1", 1.0, 0.05, "")]
+    assert obstacles_of(facts=facts, states=fast) == [(Need.STANDING, "ot1", 1.0, 0.05, "")]
 
 
 def test_a_turned_start_is_held_against_the_headings_difference() -> None:
@@ -220,13 +220,13 @@ def test_a_turned_start_is_held_against_the_headings_difference() -> None:
     for yaw_rad, turned_rad in ((-3.0, 0.283185307), (-2.8, 0.483185307), (2.6, -0.4)):
         states = participants(spec, ot1={"yaw_rad": yaw_rad})
         named = [(Need.HEADING, "ot1", turned_rad, 0.35, "")] if abs(turned_rad) > 0.35 else []
-        assert found(spec, facts, states) == named
+        assert obstacles_of(spec, facts, states) == named
 
 
 def test_only_whose_heading_is_not_known_at_rest_is_turned_as_its_start_is() -> None:
     spec = run(limits={**LIMITS, "heading_by_course": ["ot2"]})
     states = participants(spec, ot1={"yaw_rad": 1.0}, ot2={"yaw_rad": 1.0})
-    assert found(spec, READY, states) == [(Need.HEADING, "ot1", 1.0, 0.35, "")]
+    assert obstacles_of(spec, READY, states) == [(Need.HEADING, "ot1", 1.0, 0.35, "")]
 
 
 def test_the_farther_of_both_boxes_counts_for_the_fence() -> None:
@@ -236,7 +236,7 @@ def test_the_farther_of_both_boxes_counts_for_the_fence() -> None:
         geofence=[(0.0, -0.5), (400.0, -0.5), (400.0, 12.0), (0.0, 12.0)],
     )
     states = participants(spec, vut={"y_m": 1.0}, ot1={"yaw_rad": -math.pi / 2.0})
-    (outside,) = found(spec, READY, states)
+    (outside,) = obstacles_of(spec, READY, states)
     assert outside == (Need.INSIDE, "ot1", 3.1, 0.0, "")
 
 
@@ -250,7 +250,7 @@ def test_the_farther_of_both_boxes_counts_for_the_fence() -> None:
     ],
 )
 def test_each_pair_that_is_too_near_is_named(places: dict[str, Any], pairs: Any) -> None:
-    near = [one for one in found(states=participants(RUN, **places)) if one[0] is Need.APART]
+    near = [one for one in obstacles_of(states=participants(RUN, **places)) if one[0] is Need.APART]
     if pairs == "all":
         gap_m = round(math.hypot(0.25, 0.2), 9)
         pairs = [("ot1", "vut", 0.25), ("ot2", "vut", gap_m), ("ot2", "ot1", 0.2)]
@@ -262,7 +262,7 @@ def test_a_pair_is_as_near_as_the_nearest_of_its_boxes() -> None:
     places = {"ot1": {"x_m": 40.0, "y_m": 0.0}, "ot2": {"x_m": 40.0, "y_m": 2.25}}
     turned = {"ot1": {**places["ot1"], "yaw_rad": 1.5}, "ot2": {**places["ot2"], "yaw_rad": 0.0}}
     for states, gap_m in ((places, 0.45), (turned, 0.0)):
-        *_, last = found(spec, READY, participants(spec, **states))
+        *_, last = obstacles_of(spec, READY, participants(spec, **states))
         assert last == (Need.APART, "ot2", gap_m, 0.5, "ot1")
 
 
@@ -276,7 +276,7 @@ def test_a_live_vut_must_be_young_enough_for_triggers(
     spec = RUN.model_copy(update={"mode": mode})
     states = participants(spec, vut={"stamp_ns": NOW_NS - round(age_s * S)})
     named = [] if measured_s is None else [(Need.TRIGGERS, "vut", measured_s, 0.04, "")]
-    assert found(spec, READY, states) == named
+    assert obstacles_of(spec, READY, states) == named
 
 
 def test_the_facts_of_one_process_are_those_of_a_sound_session() -> None:

@@ -63,21 +63,23 @@ def test_a_silence_says_for_how_long_unless_nothing_was_ever_heard(
 
 
 def test_a_recorder_that_is_heard_must_be_ready_and_have_lost_nothing() -> None:
-    def found(age_s: float | None, ready: bool, lost: int, *missing: str) -> list[Obstacle]:
+    def recorder_findings(
+        age_s: float | None, ready: bool, lost: int, *missing: str
+    ) -> list[Obstacle]:
         ages = {} if age_s is None else {names.MONITOR: age_s}
         return [*recorder_obstacles(Facts(ages, {}, {}, ready, missing, lost))]
 
-    assert found(1.0, True, 0) == []
-    assert [one.need for one in found(1.01, False, 3)] == [Need.RECORDER]
-    assert [one.need for one in found(None, True, 0)] == [Need.RECORDER]
-    (lost,) = found(0.0, True, 3)
+    assert recorder_findings(1.0, True, 0) == []
+    assert [one.need for one in recorder_findings(1.01, False, 3)] == [Need.RECORDER]
+    assert [one.need for one in recorder_findings(None, True, 0)] == [Need.RECORDER]
+    (lost,) = recorder_findings(0.0, True, 3)
     assert (lost.need, lost.who, lost.measured, lost.limit) == (
         Need.RECORDER_LOSSLESS,
         names.MONITOR,
         3.0,
         0.0,
     )
-    (unready,) = found(0.0, False, 3, "/a")
+    (unready,) = recorder_findings(0.0, False, 3, "/a")
     assert (unready.need, unready.who, unready.detail) == (Need.RECORDER_READY, names.MONITOR, "/a")
 
 

@@ -336,7 +336,7 @@ def test_a_stamp_far_before_the_newest_forgets_it_and_one_a_little_before_has_no
     watch.take(10 * S - round(before_s * S), 99.0, 0.0, 0.0, 0.0, 0.25)
     assert watch.net_way_m(1.0) == ((0.0, 0.0) if is_forgotten else (8.0, 1.0))
     assert watch.position_std_m == (0.25 if is_forgotten else 0.0)
-    assert watch.counts.judged == 13
+    assert watch.counts.total == 13
 
 
 def test_a_state_is_taken_by_its_stamp_its_place_and_its_motion() -> None:
@@ -358,7 +358,7 @@ def test_a_state_is_taken_by_its_stamp_its_place_and_its_motion() -> None:
 def nearest(rows: Iterable[Row], by: Bounds) -> float:
     """The share of its bound that the one window of three states reaches, where it is above 0.8."""
     *_, watch = watched(rows, by)
-    assert watch.counts.judged == 1
+    assert watch.counts.total == 1
     return watch.counts.nearest
 
 
@@ -472,7 +472,7 @@ def test_a_pause_and_a_clock_that_is_set_back_begin_anew() -> None:
     assert all(watch.contradiction is None for watch in watched(before + after, Bounds()))
     back = [(t - 30.0, *values) for t, *values in after]
     *_, watch = watched(before + back, Bounds())
-    assert watch.counts.judged > 1.4 * 75
+    assert watch.counts.total > 1.4 * 75
     assert watch.contradiction is None
     late = [(1.5, 0.0, 0.0, 0.0, 10.0, 0.0)]
     *_, watch = watched(before + late, Bounds())
@@ -503,7 +503,7 @@ def test_near_misses_are_counted() -> None:
     rows = drive(2.0, lambda t: (8.1 * t, 0.0))
     *_, watch = watched(rows, Bounds())
     assert watch.contradiction is None
-    assert watch.counts == WindowCounts(judged=75, moving=75)
+    assert watch.counts == WindowCounts(total=75, moving=75)
     *_, watch = watched(drive(2.0, lambda t: (7.9 * t, 0.0)), Bounds())
     assert (watch.contradiction, watch.counts.near_misses) == (None, 75)
     assert watch.counts.nearest == pytest.approx(0.84)

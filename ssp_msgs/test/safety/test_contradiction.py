@@ -17,7 +17,9 @@ def contradict(
     return found
 
 
-def kept(findings: MotionFindings) -> tuple[Contradiction | None, Contradiction | None]:
+def contradiction_and_doubt(
+    findings: MotionFindings,
+) -> tuple[Contradiction | None, Contradiction | None]:
     """The present contradiction and the doubt."""
     return findings.contradiction, findings.doubt
 
@@ -26,12 +28,12 @@ def test_a_contradiction_holds_from_half_a_second_on() -> None:
     findings = MotionFindings()
     first = contradict(findings, 2.0)
     assert first == Contradiction("a", "a: at 2 s", 0.0, 1, True)
-    assert kept(findings) == (first, None)
+    assert contradiction_and_doubt(findings) == (first, None)
     assert not contradict(findings, 2.25, 2.499).holds
     assert contradict(findings, 2.5) == Contradiction("a", "a: at 2.5 s", 0.5, 4, True)
     assert contradict(findings, 2.5).holds
     findings.agree(2.6, moves=True)
-    assert kept(findings)[0] is None
+    assert contradiction_and_doubt(findings)[0] is None
     assert contradict(findings, 2.7) == Contradiction("a", "a: at 2.7 s", 0.0, 1, True)
 
 
@@ -90,12 +92,12 @@ def test_standstill_an_interruption_or_a_contradiction_begins_that_half_second_a
 
 def test_a_doubt_of_an_object_that_stood_ends_while_it_stands() -> None:
     findings = doubting(moves=False)
-    _, doubt = kept(findings)
+    _, doubt = contradiction_and_doubt(findings)
     assert doubt is not None
     assert not doubt.moving
     findings.agree(1.0, moves=False)
     findings.agree(1.5, moves=False)
-    assert kept(findings) == (None, None)
+    assert contradiction_and_doubt(findings) == (None, None)
     assert not contradict(findings, 2.0, moves=False).moving
 
 

@@ -212,7 +212,7 @@ def test_a_bend_is_no_jump() -> None:
     assert judge.position_jump(turning, turning.extrapolated(21 * S), LIMITS) is None
 
 
-def told(states: list[ObjectState]) -> list[tuple[int, str]]:
+def violations_of(states: list[ObjectState]) -> list[tuple[int, str]]:
     """Index of the state and name of the limit, for each limit that a row of states passes."""
     memory, found = Continuity(), []
     for index, state in enumerate(states):
@@ -223,18 +223,18 @@ def told(states: list[ObjectState]) -> list[tuple[int, str]]:
 
 def test_a_jump_is_told_once_and_the_new_place_believed() -> None:
     row = [later(0.02 * i, x_m=50.0 + 0.2 * i + (2.0 if i >= 3 else 0.0)) for i in range(8)]
-    assert told(row) == [(3, "POSITION_JUMP")]
+    assert violations_of(row) == [(3, "POSITION_JUMP")]
 
 
 def test_a_body_changes_neither_its_extent_nor_its_class() -> None:
     small = Size(0.1, 0.0, 0.1, 0.1)
     row = [later(0.02 * i, size=small if i == 2 else STATE.size) for i in range(5)]
-    assert told(row) == [(2, "STATE_CONTRADICTS"), (3, "STATE_CONTRADICTS")]
+    assert violations_of(row) == [(2, "STATE_CONTRADICTS"), (3, "STATE_CONTRADICTS")]
     _, (found,) = follow(Continuity(row[1], None), row[2], LIMITS)
     assert found.words == "states a car of 0.1 × 0.1 m, and stated a car of 4.5 × 1.8 m"
     assert (found.measured, found.limit) == (0.02, 0.0)
     other = replace(row[1], object_class=ObjectClass.BUS)
-    assert told([row[0], other]) == [(1, "STATE_CONTRADICTS")]
+    assert violations_of([row[0], other]) == [(1, "STATE_CONTRADICTS")]
 
 
 @pytest.mark.parametrize("lost", [0, 1, 5, 14])
@@ -242,12 +242,12 @@ def test_lost_states_are_no_jump(lost: int) -> None:
     """Braking by the limit while up to 0.3 s of states are lost."""
     times = [0.0, 0.02, 0.02 * (2 + lost), 0.02 * (3 + lost)]
     row = [later(t, x_m=50.0 + 10.0 * t - 1.5 * t * t, speed_mps=10.0 - 3.0 * t) for t in times]
-    assert told(row) == []
+    assert violations_of(row) == []
 
 
 def test_older_and_unreadable_states_are_not_judged() -> None:
     row = [later(0.02), later(0.0, x_m=90.0), later(0.02, x_m=90.0), later(0.04, x_m=math.nan)]
-    assert told([*row, later(0.06, x_m=50.4)]) == []
+    assert violations_of([*row, later(0.06, x_m=50.4)]) == []
 
 
 @pytest.mark.parametrize(
@@ -284,7 +284,7 @@ def test_who_went_a_centimetre_has_stayed(moved_m: tuple[float, float], frozen: 
 
 def test_a_short_stop_of_the_position_is_forgiven() -> None:
     at = [0.0, 0.2, 0.4, 0.4, 0.4, 0.4, 1.2, 1.4, 1.6]
-    assert told([later(0.02 * i, x_m=50.0 + x) for i, x in enumerate(at)]) == []
+    assert violations_of([later(0.02 * i, x_m=50.0 + x) for i, x in enumerate(at)]) == []
 
 
 # -- what a state says of itself ------------------------------------------------------------------
@@ -311,7 +311,7 @@ def test_errors_and_acceleration_count_off_a_reference(
     says: dict[str, Any], codes: list[str]
 ) -> None:
     driven = {"reference_id": "r", "control_state": ControlState.RUNNING}
-    found = judge.stated(replace(STATE, **{**driven, **says}), LIMITS)
+    found = judge.statement_violations(replace(STATE, **{**driven, **says}), LIMITS)
     assert [one.code.name for one in found] == codes
 
 
@@ -354,14 +354,14 @@ def test_who_went_as_far_as_its_places_are_uncertain_has_stood() -> None:
             made.take(step * S, way_m * step, 0.0, 0.0, 0.0, std_m)
         return made
 
-    assert judge.has_stood(replace(STATE, speed_mps=0.0), watch(0.1))
-    assert judge.has_stood(replace(STATE, speed_mps=0.0), watch(0.6, 0.25))
+    assert judge.is_standing(replace(STATE, speed_mps=0.0), watch(0.1))
+    assert judge.is_standing(replace(STATE, speed_mps=0.0), watch(0.6, 0.25))
     assert judge.net_way_m(watch(math.nextafter(0.1, 1.0))) == (math.nextafter(0.1, 1.0), 0.1)
     assert judge.net_way_m(watch(0.75, 0.25)) == (0.75, 0.6)
     for mps, stood in ((0.05, True), (-0.05, True), (0.051, False), (-0.051, False)):
-        assert judge.has_stood(replace(STATE, speed_mps=mps), watch(0.0)) is stood
-    assert not judge.has_stood(replace(STATE, speed_mps=0.0), watch(0.2))
-    assert not judge.has_stood(replace(STATE, speed_mps=math.nan), watch(0.0))
+        assert judge.is_standing(replace(STATE, speed_mps=mps), watch(0.0)) is stood
+    assert not judge.is_standing(replace(STATE, speed_mps=0.0), watch(0.2))
+    assert not judge.is_standing(replace(STATE, speed_mps=math.nan), watch(0.0))
 
 
 # -- two objects ----------------------------------------------------------------------------------

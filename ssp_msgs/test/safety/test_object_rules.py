@@ -20,8 +20,8 @@ from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import Motion
 from ssp_core.run_file.values import SiteDatum, Start
 from ssp_core.safety.object_rules import (
-    HeardRules,
     ObjectRules,
+    ReceivedRules,
     RulesCheck,
     check_rules,
     rules_of,
@@ -259,7 +259,7 @@ def test_a_trigger_age_that_is_not_given_is_two_periods() -> None:
 
 
 def test_what_was_heard_last_counts() -> None:
-    heard = HeardRules()
+    heard = ReceivedRules()
     assert heard.checks(OURS)["ot1"] == RulesCheck(problem="ot1 has not said what it judges by")
     heard.hear(("ot1", rules_of(with_limits(speed_mps=40.0), "ot1")))
     assert heard.checks(OURS)["ot1"].problem

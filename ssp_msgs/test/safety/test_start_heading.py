@@ -15,7 +15,7 @@ from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.run_file.values import Start
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
-from ssp_core.safety.limits import LimitViolation, has_stood
+from ssp_core.safety.limits import LimitViolation, is_standing
 from ssp_core.safety.start_heading import StartHeading, start_heading
 from ssp_core.vocabulary import ObjectClass, Role
 from tests.support.states import object_state
@@ -27,7 +27,7 @@ WAYS_M = tuple(0.2 * k for k in range(1, 15))
 LIMITS = Limits(speed_mps=30.0, acceleration_mps2=5.0, heading_by_course=["one"])
 
 
-def judged(
+def first_violation(
     rows: list[Row], yaw_rad: float, cls: ObjectClass = ObjectClass.CAR, limits: Limits = LIMITS
 ) -> tuple[float, LimitViolation] | None:
     """Return when the first metre contradicted a start's heading, and the limit violated."""
@@ -51,7 +51,7 @@ def judged(
             position_std_m=std,
         )
         watch.see(state)
-        if (found := heading.see(state, stands=has_stood(state, watch))) is not None:
+        if (found := heading.see(state, stands=is_standing(state, watch))) is not None:
             return t_s, found
     return None
 
@@ -74,8 +74,8 @@ def way(
 def test_who_drives_the_other_way_is_found_within_a_metre_and_a_half(
     yaw_rad: float, rate_hz: float
 ) -> None:
-    assert judged(way(yaw_rad + 0.3, 2.0, rate_hz=rate_hz), yaw_rad) is None
-    found = judged(way(yaw_rad + math.pi, 2.0, rate_hz=rate_hz), yaw_rad)
+    assert first_violation(way(yaw_rad + 0.3, 2.0, rate_hz=rate_hz), yaw_rad) is None
+    found = first_violation(way(yaw_rad + math.pi, 2.0, rate_hz=rate_hz), yaw_rad)
     assert found is not None
     assert found[1].code is SafetyCode.STATE_CONTRADICTS
     assert "lead +180° off its start's heading, limit 20°" in found[1].words
@@ -83,25 +83,25 @@ def test_who_drives_the_other_way_is_found_within_a_metre_and_a_half(
 
 
 def test_who_states_that_it_reverses_faces_its_start() -> None:
-    assert judged(way(math.pi, -2.0), 0.0) is None
-    assert judged(way(0.0, -2.0), 0.0) is not None
-    assert judged(way(math.pi / 2.0, -2.0), 0.0) is not None
+    assert first_violation(way(math.pi, -2.0), 0.0) is None
+    assert first_violation(way(0.0, -2.0), 0.0) is not None
+    assert first_violation(way(math.pi / 2.0, -2.0), 0.0) is not None
 
 
 def test_a_person_may_go_backwards_and_what_is_omnidirectional_anywhere() -> None:
     backwards, sideways = way(math.pi, 1.5), way(math.pi / 2.0, 1.5)
-    assert judged(backwards, 0.0, ObjectClass.PEDESTRIAN) is None
-    assert judged(sideways, 0.0, ObjectClass.PEDESTRIAN) is not None
+    assert first_violation(backwards, 0.0, ObjectClass.PEDESTRIAN) is None
+    assert first_violation(sideways, 0.0, ObjectClass.PEDESTRIAN) is not None
     any_way = LIMITS.model_copy(update={"omnidirectional": ["one"]})
-    assert judged(sideways, 0.0, limits=any_way) is None
+    assert first_violation(sideways, 0.0, limits=any_way) is None
 
 
 def test_one_correction_of_the_receiver_is_no_way() -> None:
-    assert judged(way(0.0, 1.0, step_m=0.99), 0.0) is None
-    assert judged(way(math.pi, 1.0, step_m=0.99), 0.0) is not None
+    assert first_violation(way(0.0, 1.0, step_m=0.99), 0.0) is None
+    assert first_violation(way(math.pi, 1.0, step_m=0.99), 0.0) is not None
 
 
-def seen(
+def violations_on(
     *places: tuple[float, float],
     yaw_rad: float = 0.0,
     tolerance_deg: float = 10.0,
@@ -135,12 +135,12 @@ def at(course_deg: float, *ways_m: float) -> list[tuple[float, float]]:
 def test_the_first_metre_is_judged_once_it_is_gone() -> None:
     """Steps of less than a correction are one by which the way may have begun."""
     wide = replace(BOUNDS, jump_m=0.1)
-    assert seen(*at(90.0, 0.5, 0.99), bounds=wide) == []
-    ((k, found),) = seen(*at(90.0, 0.5, 1.0, 1.5, 9.0), bounds=wide)
+    assert violations_on(*at(90.0, 0.5, 0.99), bounds=wide) == []
+    ((k, found),) = violations_on(*at(90.0, 0.5, 1.0, 1.5, 9.0), bounds=wide)
     words = "its first 1.00 m lead +90° off its start's heading, limit 20°"
     assert (k, found) == (2, LimitViolation(SafetyCode.STATE_CONTRADICTS, 1.0, 0.0, words))
     # A first metre that was right is the last that is looked at.
-    assert seen(*at(0.0, 0.5, 1.1), *at(90.0, 3.0, 9.0), bounds=wide) == []
+    assert violations_on(*at(0.0, 0.5, 1.1), *at(90.0, 3.0, 9.0), bounds=wide) == []
 
 
 @pytest.mark.parametrize(
@@ -159,7 +159,7 @@ def test_the_wider_of_tolerance_and_direction_counts(
 ) -> None:
     for yaw_rad in (0.0, 2.0, 3.0):
         places = at(course_deg + math.degrees(yaw_rad), *WAYS_M)
-        found = seen(*places, yaw_rad=yaw_rad, tolerance_deg=tolerance_deg)
+        found = violations_on(*places, yaw_rad=yaw_rad, tolerance_deg=tolerance_deg)
         assert bool(found) is turned
 
 
@@ -184,7 +184,9 @@ def test_the_sign_of_the_speed_says_whether_it_faces_where_it_goes(
     for yaw_rad in (0.0, 2.5):
         places = at(course_deg + math.degrees(yaw_rad), *WAYS_M)
         by = replace(BOUNDS, signed=signed, jump_m=0.1)
-        assert bool(seen(*places, yaw_rad=yaw_rad, speed_mps=speed_mps, bounds=by)) is turned
+        assert (
+            bool(violations_on(*places, yaw_rad=yaw_rad, speed_mps=speed_mps, bounds=by)) is turned
+        )
 
 
 def test_a_site_says_whose_heading_is_watched_and_how_far_it_may_be_off() -> None:
@@ -192,7 +194,7 @@ def test_a_site_says_whose_heading_is_watched_and_how_far_it_may_be_off() -> Non
     limits = LIMITS.model_copy(update={**site, "heading_by_course": ["one", "two"]})
     start = Start(x_m=0.0, y_m=0.0, yaw_rad=2.0)
 
-    def found(who: str, cls: str, course_rad: float) -> LimitViolation | None:
+    def violation_of(who: str, cls: str, course_rad: float) -> LimitViolation | None:
         one = ParticipantSpec(id=who, object_class=cls, start=start)
         watch = start_heading(one, limits)
         assert watch is not None
@@ -203,11 +205,11 @@ def test_a_site_says_whose_heading_is_watched_and_how_far_it_may_be_off() -> Non
                 return passed
         return None
 
-    assert found("one", "car", 2.0 + 0.74) is found("one", "car", 2.0 - 0.74) is None
-    assert found("one", "car", 2.0 + 0.76) is not None
-    assert found("one", "car", 2.0 + math.pi) is not None
-    assert found("one", "pedestrian", 2.0 + math.pi) is None
-    assert found("two", "car", 2.0 + math.pi) is None
+    assert violation_of("one", "car", 2.0 + 0.74) is violation_of("one", "car", 2.0 - 0.74) is None
+    assert violation_of("one", "car", 2.0 + 0.76) is not None
+    assert violation_of("one", "car", 2.0 + math.pi) is not None
+    assert violation_of("one", "pedestrian", 2.0 + math.pi) is None
+    assert violation_of("two", "car", 2.0 + math.pi) is None
 
 
 @pytest.mark.parametrize(
@@ -228,24 +230,28 @@ def test_a_way_is_judged_when_it_is_longer_than_its_places_are_uncertain(
     """Three sigma of two places: 1.06 m of 0.25 m, 2.12 m of 0.5 m."""
     ways_m = (0.5, 1.05, 1.07, 2.11, 2.13, 3.0)
     sure = replace(BOUNDS, jump_m=0.1)
-    ((k, found),) = seen(*at(180.0, *ways_m), std_m=std_m, stood_std_m=stood_std_m, bounds=sure)
+    ((k, found),) = violations_on(
+        *at(180.0, *ways_m), std_m=std_m, stood_std_m=stood_std_m, bounds=sure
+    )
     assert k == first
     # A direction that is that uncertain is 45 degrees wide.
     assert found.words.endswith("limit 45°")
-    assert seen(*at(43.0, *ways_m), std_m=std_m, stood_std_m=stood_std_m, bounds=sure) == []
+    assert (
+        violations_on(*at(43.0, *ways_m), std_m=std_m, stood_std_m=stood_std_m, bounds=sure) == []
+    )
 
 
 def test_one_step_of_the_place_begins_the_way_behind_it_and_a_second_one_does_not() -> None:
     once = (-0.99, 0.0), (-0.8, 0.0), (-0.5, 0.0), (-1.0, 0.0)
-    assert seen(*once[:3]) == []
+    assert violations_on(*once[:3]) == []
     backwards = ((-0.9, 0.0), (-1.1, 0.0), (-1.5, 0.0), (-1.89, 0.0), (-1.91, 0.0))
-    assert [k for k, _ in seen(*backwards)] == [5]
+    assert [k for k, _ in violations_on(*backwards)] == [5]
     # What is longer than a correction is a way at once.
-    assert [k for k, _ in seen((-1.01, 0.0))] == [1]
-    assert [k for k, _ in seen((-1.0, 0.0))] == []
+    assert [k for k, _ in violations_on((-1.01, 0.0))] == [1]
+    assert [k for k, _ in violations_on((-1.0, 0.0))] == []
     # The longest step counts, whichever it was, and wherever it led.
     up = ((0.0, 0.9), (0.1, 0.95), (0.3, 1.0), (0.9, 1.0), (2.0, 0.95))
-    assert seen(*up) == []
+    assert violations_on(*up) == []
 
 
 def test_older_states_and_standstill_are_no_way() -> None:
@@ -286,6 +292,6 @@ def test_of_200_sound_tracks_none_is_taken_for_turned_and_each_that_is_turned_is
         rows = list(measured(true, SOURCES[source], rate_hz, random))
         yaw_rad = float(true.rows[200, 3])  # where it sets off
         cls = ObjectClass.PEDESTRIAN if true.walks else ObjectClass.CAR
-        assert judged(rows, yaw_rad, cls) is None, (seed, case)
+        assert first_violation(rows, yaw_rad, cls) is None, (seed, case)
         if manoeuvre in ("drive", "reverse", "dropout"):
-            assert judged(rows, yaw_rad + math.pi, cls) is not None, (seed, case)
+            assert first_violation(rows, yaw_rad + math.pi, cls) is not None, (seed, case)

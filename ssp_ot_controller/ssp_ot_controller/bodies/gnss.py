@@ -123,7 +123,7 @@ class GnssStates:
         start_yaw_rad: float | None = None,
     ) -> None:
         self._states = states
-        self._turned_rad = lever.yaw_left_rad
+        self._mounting_yaw_rad = lever.yaw_left_rad
         self._datum = datum
         self._gate = gate
         self._hears_speeds = speeds
@@ -203,9 +203,9 @@ class GnssStates:
         self._states.check_stamp(fix.stamp_ns, now_ns)
         yaw_rad = self._unit_yaw_rad(fix.stamp_ns)
         x_m, y_m, _ = self._datum.to_site(place)
-        forward_mps = self._forward_mps(fix.stamp_ns, x_m, y_m, yaw_rad - self._turned_rad)
+        forward_mps = self._forward_mps(fix.stamp_ns, x_m, y_m, yaw_rad - self._mounting_yaw_rad)
         # Along the vehicle, as the unit sees it with its own axes.
-        c, s = math.cos(self._turned_rad), math.sin(self._turned_rad)
+        c, s = math.cos(self._mounting_yaw_rad), math.sin(self._mounting_yaw_rad)
         return self._states.take(
             Fix(
                 stamp_ns=fix.stamp_ns,

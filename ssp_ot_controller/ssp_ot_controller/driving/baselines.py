@@ -221,7 +221,7 @@ def known_names() -> list[str]:
     return sorted([*BASELINES, *COMMANDED])
 
 
-def is_known(name: str) -> bool:
+def is_baseline(name: str) -> bool:
     """Tell whether a name is that of a driver of ours."""
     return name in BASELINES or name in COMMANDED
 
@@ -229,7 +229,7 @@ def is_known(name: str) -> bool:
 def make_driver(name: str, options: Mapping[str, Any]) -> PlanDriver | None:
     """Return a baseline, see ssp_core.world.driver.make_driver."""
     kind: Any = BASELINES.get(name)
-    if not is_known(name):
+    if not is_baseline(name):
         names = ", ".join(known_names())
         raise InputError("is no driver", field="driver", value=name, remedy=f"there is {names}")
     if kind is None:

@@ -22,7 +22,7 @@ _SLACK_NS = 1_000_000
 
 
 @dataclass(slots=True)
-class _Seen:
+class _FrameRecord:
     step: int
     stamp_ns: int
     scene: Scene
@@ -46,7 +46,7 @@ class QuestionFrames:
 
         self._drawing = Redrawing(run)
         self._span_ns = seconds_to_ns(span_s) + _SLACK_NS
-        self._scenes: deque[_Seen] = deque()
+        self._scenes: deque[_FrameRecord] = deque()
         self._step = -1
 
     def see(self, step: int, stamp_ns: int, truths: Sequence[ObjectState]) -> None:
@@ -57,7 +57,7 @@ class QuestionFrames:
         scene = self._drawing.see(step, stamp_ns, truths)
         if scene is None:
             return
-        self._scenes.append(_Seen(step, stamp_ns, scene))
+        self._scenes.append(_FrameRecord(step, stamp_ns, scene))
         while self._scenes[0].stamp_ns < stamp_ns - self._span_ns:
             self._scenes.popleft()
 
@@ -68,9 +68,9 @@ class QuestionFrames:
 
     def show(self, indices: Sequence[int]) -> tuple[SeenFrame, ...]:
         """Return frames by their index in ``stamps_ns``."""
-        return tuple(self._drawn(self._scenes[i]) for i in indices)
+        return tuple(self._frame_of(self._scenes[i]) for i in indices)
 
-    def _drawn(self, record: _Seen) -> SeenFrame:
+    def _frame_of(self, record: _FrameRecord) -> SeenFrame:
         if record.frame is None:
             jpeg = self._drawing.draw(record.scene, record.step, record.stamp_ns).jpeg
             record.frame = SeenFrame(record.stamp_ns, jpeg)

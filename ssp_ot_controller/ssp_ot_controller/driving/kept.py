@@ -43,7 +43,7 @@ class KeptModel:
         Raises:
             HostError: the disk doesn't take it.
         """
-        question, answer = report.asked, report.given
+        question, answer = report.question, report.answer
         if question is None or answer is None:
             return
         if self._is_aborted and answer.ended:

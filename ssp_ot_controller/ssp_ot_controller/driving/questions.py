@@ -43,7 +43,7 @@ class _Open:
     """A question whose answer isn't effective yet."""
 
     question: Question
-    given: GivenAnswer
+    answer: GivenAnswer
     vut: ObjectState
     latency_ns: int
 
@@ -80,8 +80,10 @@ class Questions:
         kept_s = HISTORY_S
         if isinstance(driver, SeeingDriver):
             kept_s = max(kept_s, driver.history_s, driver.frame_span_s)
-        self._seen: deque[ObjectState] = deque(maxlen=1 + math.ceil(kept_s / frame_period_s - 1e-6))
-        self._asked = 0
+        self._vut_states: deque[ObjectState] = deque(
+            maxlen=1 + math.ceil(kept_s / frame_period_s - 1e-6)
+        )
+        self._question_count = 0
         self._open: _Open | None = None
 
     @property
@@ -92,7 +94,7 @@ class Questions:
     @property
     def ends_with(self) -> str:
         """Reason for which the driver ends once the open answer is due; empty: it goes on."""
-        return "" if self._open is None else self._open.given.ended
+        return "" if self._open is None else self._open.answer.ended
 
     def see(self, step: int, now_ns: int, truths: Sequence[ObjectState]) -> None:
         """Take the true states of a step, of which a frame may be drawn."""
@@ -101,8 +103,8 @@ class Questions:
 
     def remember(self, vut: ObjectState) -> None:
         """Take the VUT's state at a frame; the world repeats its first step while it holds."""
-        if not self._seen or self._seen[-1].stamp_ns < vut.stamp_ns:
-            self._seen.append(vut)
+        if not self._vut_states or self._vut_states[-1].stamp_ns < vut.stamp_ns:
+            self._vut_states.append(vut)
 
     def ask(
         self,
@@ -119,12 +121,12 @@ class Questions:
             route_m: places ahead on its path, in its own frame.
             truths: true states of everything; privileged drivers alone see them.
         """
-        self._asked += 1
-        frames = self._shown(now_ns)
+        self._question_count += 1
+        frames = self._question_frames(now_ns)
         question = Question(
-            number=self._asked,
+            number=self._question_count,
             stamp_ns=now_ns,
-            history=history_of(self._seen),
+            history=history_of(self._vut_states),
             route_m=route_m,
             frames=frames,
             camera=self._run.camera if frames else None,
@@ -156,12 +158,12 @@ class Questions:
         except (Exception, SystemExit) as error:  # whatever a driver raises is the driver's end
             return GivenAnswer(None, ended=_words(error))
 
-    def _shown(self, now_ns: int) -> tuple[SeenFrame, ...]:
+    def _question_frames(self, now_ns: int) -> tuple[SeenFrame, ...]:
         """Return the frames of a question, which are held against the VUT's way."""
         if not isinstance(self._driver, SeeingDriver) or self._frames is None:
             return ()
         frames = self._frames.show(self._driver.choose(self._frames.stamps_ns))
-        self._fresh.check(frames, now_ns, self._seen)
+        self._fresh.check(frames, now_ns, self._vut_states)
         return frames
 
     def due(self, now_ns: int) -> tuple[EffectiveAnswer, MapPlan | None] | None:
@@ -172,9 +174,9 @@ class Questions:
         due = self._open
         if due is None or now_ns < due.question.stamp_ns + due.latency_ns:
             return None
-        self._open, question, answer = None, due.question, due.given.answer
-        if due.given.ended:
-            self.ended = due.given.ended
+        self._open, question, answer = None, due.question, due.answer.answer
+        if due.answer.ended:
+            self.ended = due.answer.ended
             return None
         try:
             plan = self._read(question, answer, due.vut)

@@ -44,7 +44,7 @@ class DriverSeat:
         self._vut: ObjectState | None = None
         self._states = 0
         self._tick: WorldTick | None = None
-        self._answered = -1
+        self._answered_step = -1
 
     def take_state(self, state: ObjectState) -> None:
         """Take a state of the VUT; those before the start are of no number."""
@@ -64,9 +64,9 @@ class DriverSeat:
         if tick is None or self._states < tick.vut_states_sent:
             return None
         self._tick = None
-        if tick.step <= self._answered and tick.step > 0:
+        if tick.step <= self._answered_step and tick.step > 0:
             return None
-        self._answered = tick.step
+        self._answered_step = tick.step
         if self._vut is None:
             return DriverStep(tick.step, tick.stamp_ns, None, None)
         command, report = self._pilot.step(tick.step, tick.stamp_ns, self._vut, tick.objects)

@@ -11,24 +11,24 @@ class Aborts:
     """The identities of an object's aborts, as the manager names them."""
 
     def __init__(self) -> None:
-        self._heard: str | None = None
+        self._abort_id: str | None = None
         self._cleared: str | None = None
 
     def hear(self, abort_id: str) -> None:
         """Take the session's newest abort."""
-        self._heard = abort_id
+        self._abort_id = abort_id
 
     def forget(self) -> None:
         """Begin a stop of the object's own, before which no abort was heard."""
-        self._heard = None
+        self._abort_id = None
 
     def may_clear(self, abort_id: str | None) -> bool:
         """Tell whether an all-clear concerns what stops the object; None names no abort."""
-        return abort_id is None or abort_id == self._heard
+        return abort_id is None or abort_id == self._abort_id
 
     def clear(self, abort_id: str | None) -> None:
         """Take an all-clear."""
-        self._heard, self._cleared = None, abort_id or ""
+        self._abort_id, self._cleared = None, abort_id or ""
 
     def is_cleared(self, abort_id: str | None) -> bool:
         """Tell whether this abort is the last one that was cleared."""

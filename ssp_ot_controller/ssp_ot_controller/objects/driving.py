@@ -68,7 +68,7 @@ class Driving:
         self.queue.clear()
         self.error = None
 
-    def asked_mps(self, now_ns: int) -> float:
+    def reference_speed_mps(self, now_ns: int) -> float:
         """Return the speed of its reference, unless the object is ahead of it and may wait."""
         reference = self.queue.current
         if reference is None or self.error is None or reference_over(reference, now_ns):

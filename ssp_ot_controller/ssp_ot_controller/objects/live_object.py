@@ -59,7 +59,7 @@ class LiveObject:
         self._spec = spec
         self._limits = limits
         self._newest: BodyReading | None = None
-        self._taken_ns = 0
+        self._reading_ns = 0
         self._late_s = 0.0  # how old the newest reading was when it was taken
         self._stepped_ns = 0
         self._states = 0
@@ -78,7 +78,7 @@ class LiveObject:
             return ""
         self._ahead = self._refusal(reading, now_ns)
         if not self._ahead:
-            self._newest, self._taken_ns = reading, now_ns
+            self._newest, self._reading_ns = reading, now_ns
             self._late_s = ns_to_seconds(now_ns - reading.stamp_ns)
             return ""
         warns, self._has_warned = not self._has_warned, True
@@ -111,10 +111,10 @@ class LiveObject:
     def _is_due(self, now_ns: int, *, only_new: bool) -> bool:
         if ns_to_seconds(now_ns - self._stepped_ns) < self._limits.apart_s:
             return False
-        if self._taken_ns > self._stepped_ns:
+        if self._reading_ns > self._stepped_ns:
             return True
         reports = isinstance(self.body, IsoBody)
-        is_silent = not reports or ns_to_seconds(now_ns - self._taken_ns) > self._limits.silent_s
+        is_silent = not reports or ns_to_seconds(now_ns - self._reading_ns) > self._limits.silent_s
         return is_silent and not only_new
 
     def command(self, command: Command | None, now_ns: int) -> None:
@@ -128,7 +128,7 @@ class LiveObject:
 
     def status(self, now_ns: int) -> BodyStatus:
         """Report what keeps the object from being seen and armed."""
-        silent = self._newest is None or ns_to_seconds(now_ns - self._taken_ns) > _QUIET_S
+        silent = self._newest is None or ns_to_seconds(now_ns - self._reading_ns) > _QUIET_S
         problems = (self._ahead,) if self._ahead else self.body.problems()
         by_itself = isinstance(self.body, IsoBody)
         check = self.body.check if isinstance(self.body, IsoBody) else BodyCheck()

@@ -132,7 +132,7 @@ def decide(
     if passed is None and control_state in _MOVING:
         passed = _too_close(inputs, limits)
     if passed is None and running:
-        passed = _refused(inputs.refused) or _stopping_room(inputs.room_excess_m)
+        passed = _refusal_violation(inputs.refused) or _stopping_room(inputs.room_excess_m)
     if passed is None and not is_idle(control_state, inputs.reference, now_ns):
         passed = judge.over_acceleration(inputs.state, limits) or _off_reference(
             inputs.error, limits
@@ -144,7 +144,7 @@ def _foreign_manager(others: int) -> LimitViolation | None:
     return LimitViolation(SafetyCode.FOREIGN_MANAGER, float(others), 0.0) if others else None
 
 
-def _refused(number: int) -> LimitViolation | None:
+def _refusal_violation(number: int) -> LimitViolation | None:
     return LimitViolation(SafetyCode.REFERENCE_REFUSED, float(number), 0.0) if number else None
 
 

@@ -150,7 +150,7 @@ class ManagerArbiter:
         self._followed_token = token
         self._sender: str | None = None
         self._sequence = 0
-        self._heard_ns = 0
+        self._heartbeat_ns = 0
         self._strangers: dict[str, int] = {}
 
     def is_ours(
@@ -166,14 +166,14 @@ class ManagerArbiter:
             may_move: an object moves or is about to, so that no other manager may take over.
         """
         is_of_session = token == self._token if self._token else not mode_problem(token, self._mode)
-        gone = not may_move and self._is_gone(steady_ns)
+        gone = not may_move and self._is_silent(steady_ns)
         if is_of_session and (self._sender is None or gone):
             self._sender, self._sequence, self._followed_token = sender, 0, token
             self._strangers.pop(sender, None)
         if sender != self._sender or sequence <= self._sequence:
             self._strangers[sender] = steady_ns
             return False
-        self._sequence, self._heard_ns = sequence, steady_ns
+        self._sequence, self._heartbeat_ns = sequence, steady_ns
         return True
 
     def command_problem(self, token: str, steady_ns: int) -> str:
@@ -183,11 +183,11 @@ class ManagerArbiter:
             token: that came with it.
             steady_ns: when the command came, on the steady clock.
         """
-        follows = self._token or (self._sender is not None and not self._is_gone(steady_ns))
+        follows = self._token or (self._sender is not None and not self._is_silent(steady_ns))
         return token_problem(self._followed_token if follows else "", token, self._mode)
 
-    def _is_gone(self, steady_ns: int) -> bool:
-        return steady_ns - self._heard_ns > self._silence_ns
+    def _is_silent(self, steady_ns: int) -> bool:
+        return steady_ns - self._heartbeat_ns > self._silence_ns
 
     def strangers(self, steady_ns: int) -> int:
         """Count the other managers that were heard of late."""
@@ -209,20 +209,20 @@ class NearbyObjects:
         self._oldest_ns = seconds_to_ns(limits.state_age_s)
         self._age_s = limits.state_age_s
         # With x, y, and how far from there anything of it may be while it is heard.
-        self._heard: dict[str, tuple[float, float, float, ObjectState]] = {}
+        self._neighbours: dict[str, tuple[float, float, float, ObjectState]] = {}
 
     def take(self, states: Iterable[ObjectState]) -> None:
         """Take states as they were heard; a broken one replaces none."""
         for state in states:
             if state.is_finite:
                 far_m = state.size.reach_m + abs(state.speed_mps) * self._age_s
-                self._heard[state.object_id] = (state.x_m, state.y_m, far_m, state)
+                self._neighbours[state.object_id] = (state.x_m, state.y_m, far_m, state)
 
     def near(self, own: ObjectState) -> list[ObjectState]:
         """List the objects that may be too close, by id, led on to the stamp of the own state."""
         neighbours = []
         x, y, mine_m = own.x_m, own.y_m, own.size.reach_m + self._separation_m
-        for its_x, its_y, far_m, state in self._heard.values():
+        for its_x, its_y, far_m, state in self._neighbours.values():
             near_m = mine_m + far_m
             if not (-near_m <= x - its_x <= near_m and -near_m <= y - its_y <= near_m):
                 continue
@@ -266,7 +266,7 @@ class HeartbeatResponder:
     """Answers of one process, and those that are still under way. Reads no clock."""
 
     def __init__(self) -> None:
-        self._answered_ns: int | None = None
+        self._answer_ns: int | None = None
         self._under_way: deque[tuple[int, HeartbeatAnswer]] = deque()
 
     def on_heartbeat(
@@ -280,11 +280,9 @@ class HeartbeatResponder:
             system_ns: when it came, on this machine's clock.
             steady_ns: the same on the steady clock.
         """
-        if self._answered_ns is not None and steady_ns - self._answered_ns < seconds_to_ns(
-            _PERIOD_S
-        ):
+        if self._answer_ns is not None and steady_ns - self._answer_ns < seconds_to_ns(_PERIOD_S):
             return []
-        self._answered_ns = steady_ns
+        self._answer_ns = steady_ns
         groups: dict[LinkSizes, list[str]] = {}
         for object_id, link in sorted(links.items()):
             groups.setdefault(link, []).append(object_id)

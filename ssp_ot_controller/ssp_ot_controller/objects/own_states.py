@@ -15,7 +15,7 @@ from ssp_core.safety.limits import (
     Continuity,
     LimitViolation,
     follow,
-    has_stood,
+    is_standing,
     net_way_m,
     state_contradicts,
 )
@@ -68,15 +68,15 @@ class OwnStates:
         self._continuity, broken = follow(self._continuity, own, self._limits, asked_mps)
         if (contradicts := state_contradicts(self._motion)) is not None:
             broken.append(contradicts)
-        if (turned := self._turned(own, running=running)) is not None:
+        if (turned := self._heading_violation(own, running=running)) is not None:
             broken.append(turned)
         return broken
 
-    def _turned(self, own: ObjectState, *, running: bool) -> LimitViolation | None:
+    def _heading_violation(self, own: ObjectState, *, running: bool) -> LimitViolation | None:
         """Judge how far the object faces off its start's heading, once its first metre shows it."""
         if self._heading is None or not own.is_finite:
             return None
         if not running:
             self._heading.clear()
             return None
-        return self._heading.see(own, stands=has_stood(own, self._motion))
+        return self._heading.see(own, stands=is_standing(own, self._motion))

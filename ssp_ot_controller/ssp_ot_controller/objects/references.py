@@ -38,7 +38,7 @@ def contradiction(columns: FloatArray) -> str | None:
     return _of_steps(columns) or _of_speeds(columns) or _of_headings(columns)
 
 
-def _said_m(columns: FloatArray) -> FloatArray:
+def _travel_m(columns: FloatArray) -> FloatArray:
     t, speed = columns[0], columns[4]
     travel_m: FloatArray = 0.5 * (speed[:-1] + speed[1:]) * np.diff(t)
     return travel_m
@@ -46,7 +46,7 @@ def _said_m(columns: FloatArray) -> FloatArray:
 
 def _of_steps(columns: FloatArray) -> str | None:
     moved = np.hypot(np.diff(columns[1]), np.diff(columns[2]))
-    travel_m = _said_m(columns)
+    travel_m = _travel_m(columns)
     gap = np.abs(moved - travel_m)
     i = int(np.argmax(gap - _STEP_SHARE * travel_m))
     allowed = _STEP_M + _STEP_SHARE * travel_m[i]
@@ -75,7 +75,7 @@ def _of_speeds(columns: FloatArray) -> str | None:
 
 def _of_headings(columns: FloatArray) -> str | None:
     _, x, y, yaw = columns[:4]
-    travel_m = _said_m(columns)
+    travel_m = _travel_m(columns)
     middle = yaw[:-1] + 0.5 * (np.mod(np.diff(yaw) + np.pi, 2.0 * np.pi) - np.pi)
     away = np.hypot(
         x[1:] - x[0] - np.cumsum(travel_m * np.cos(middle)),
@@ -322,7 +322,7 @@ class ReferenceQueue:
     def __init__(self) -> None:
         self.current: Reference | None = None
         self._waiting: list[Reference] = []
-        self._taken: dict[str, int] = {}
+        self._accepted_ns: dict[str, int] = {}
 
     def before(self, execute_at_ns: int) -> Reference | None:
         """Return the reference that will be driven just before a time, as things stand."""
@@ -339,9 +339,9 @@ class ReferenceQueue:
         """True when nothing is driven and nothing waits."""
         return self.current is None and not self._waiting
 
-    def has_taken(self, reference: Reference) -> bool:
+    def has_accepted(self, reference: Reference) -> bool:
         """Tell whether a reference was taken before: the same is answered alike twice."""
-        return self._taken.get(reference.reference_id) == reference.execute_at_ns
+        return self._accepted_ns.get(reference.reference_id) == reference.execute_at_ns
 
     def overtaker(self, reference: Reference) -> Reference | None:
         """Return an accepted reference that waits, begins no earlier, and was sent after this one.
@@ -364,7 +364,7 @@ class ReferenceQueue:
         at_ns = reference.execute_at_ns
         self._waiting = [r for r in self._waiting if r.execute_at_ns < at_ns]
         self._waiting.append(reference)
-        self._taken[reference.reference_id] = at_ns
+        self._accepted_ns[reference.reference_id] = at_ns
 
     def advance(self, now_ns: int) -> bool:
         """Begin what is due; return True when another reference is driven from now on."""
@@ -379,4 +379,4 @@ class ReferenceQueue:
         """Forget everything."""
         self.current = None
         self._waiting.clear()
-        self._taken.clear()
+        self._accepted_ns.clear()

@@ -88,7 +88,7 @@ class Target:
         self._brakes = Brakes(run.limits.stop_deceleration_mps2, spec.start.yaw_rad)
         self._refused = 0
         self._running_since_ns: int | None = None
-        self._told: LimitViolation | None = None
+        self._last_violation: LimitViolation | None = None
 
     # -- commands ------------------------------------------------------------------------------
 
@@ -168,7 +168,7 @@ class Target:
 
     def on_reference(self, reference: Reference, now_ns: int) -> Refusal | None:
         """Take a reference, or say why not; one that was taken before is taken again."""
-        if self._driving.queue.has_taken(reference):
+        if self._driving.queue.has_accepted(reference):
             return None
         if self._states.newest is None:
             return Refusal(RefusalCode.STATE, _NO_STATE)
@@ -254,7 +254,7 @@ class Target:
         if running:
             driving.advance(now_ns)
         reference = driving.queue.current
-        asked_mps = driving.asked_mps(now_ns) if running else 0.0
+        asked_mps = driving.reference_speed_mps(now_ns) if running else 0.0
         broken = self._states.judge(own, asked_mps=asked_mps, running=running)
         lost = lost_its_place(own, now_ns, broken, self._run.limits)
         if lost is not None and self.state in _MAY_MOVE:
@@ -301,8 +301,8 @@ class Target:
 
     def _body_violation(self) -> LimitViolation | None:
         """Find a violation by the body itself; each is reported once."""
-        violation, last_violation = self.body.violation, self._told
-        self._told = violation
+        violation, last_violation = self.body.violation, self._last_violation
+        self._last_violation = violation
         return None if violation == last_violation else violation
 
     def _running_s(self, now_ns: int) -> float:

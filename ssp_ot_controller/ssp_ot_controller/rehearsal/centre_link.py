@@ -40,7 +40,7 @@ class CentreLink:
     Attributes:
         host: of the centre; None: none is connected.
         address: where heartbeats come from, and MONR goes; None until the first.
-        heard_ns: when the last heartbeat came; None before the first.
+        last_heartbeat_ns: when the last heartbeat came; None before the first.
         status: of the last heartbeat, also of a centre that has gone; None before the first.
         osem: the centre's settings, whose ids the answers carry.
         closes: the connection is given up; the caller closes it.
@@ -51,7 +51,7 @@ class CentreLink:
     def __init__(self, now_ns: int) -> None:
         self.host: str | None = None
         self.address: Any = None
-        self.heard_ns: int | None = None
+        self.last_heartbeat_ns: int | None = None
         self.status: int | None = None
         self.osem: Osem | None = None
         self.closes = False
@@ -70,7 +70,7 @@ class CentreLink:
             return False
         self.host, self.address = host, None
         self._decoder = StreamDecoder(LONGEST_TRAJECTORY_BYTES)
-        self.osem = self.heard_ns = None
+        self.osem = self.last_heartbeat_ns = None
         self.closes = False
         self.note(f"{host} is connected")
         return True
@@ -89,7 +89,7 @@ class CentreLink:
         self._fed_ns = now_ns
         return self._decoder.feed(data)
 
-    def given_up(self, now_ns: int) -> list[Frame | RejectedBytes]:
+    def take_overdue(self, now_ns: int) -> list[Frame | RejectedBytes]:
         """Decode what follows a frame that has been incomplete for too long."""
         if not self._decoder.waiting_bytes or now_ns - self._fed_ns <= _INCOMPLETE_NS:
             return []
@@ -107,9 +107,9 @@ class CentreLink:
 
     def silence_s(self, now_ns: int) -> float:
         """Return the time since the last heartbeat, inf before the first and without a centre."""
-        if self.heard_ns is None or self.host is None:
+        if self.last_heartbeat_ns is None or self.host is None:
             return math.inf
-        return ns_to_seconds(now_ns - self.heard_ns)
+        return ns_to_seconds(now_ns - self.last_heartbeat_ns)
 
     def take_settings(self, osem: Osem, now_ns: int) -> None:
         """Take the centre's settings; reports are due from now on."""

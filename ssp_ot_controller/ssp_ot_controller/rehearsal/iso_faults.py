@@ -112,7 +112,7 @@ class FaultyObject:
         self._decoder = StreamDecoder(LONGEST_TRAJECTORY_BYTES)
         self._beat_ns = 0
         self._status = int(CentreStatus.INIT)
-        self._aborted = self._gone = False
+        self._aborted = self._is_centre_gone = False
 
     @property
     def object_id(self) -> str:
@@ -133,7 +133,7 @@ class FaultyObject:
     # -- to the object -------------------------------------------------------------------------
 
     def connect(self, host: str, now_ns: int) -> bool:
-        if self._gone:
+        if self._is_centre_gone:
             self._leave(now_ns)
         if self._played.connect(host, now_ns):
             self._decoder = StreamDecoder(LONGEST_TRAJECTORY_BYTES)
@@ -141,12 +141,12 @@ class FaultyObject:
         return self._has("two_centres", now_ns) is not None
 
     def disconnect(self, now_ns: int) -> None:
-        self._gone = True
+        self._is_centre_gone = True
         if self._has("deaf_to_silence", now_ns) is None:
             self._leave(now_ns)
 
     def _leave(self, now_ns: int) -> None:
-        self._gone = False
+        self._is_centre_gone = False
         self._played.disconnect(now_ns)
 
     def on_tcp(self, data: bytes, now_ns: int) -> None:
@@ -200,7 +200,7 @@ class FaultyObject:
                 self._beat_ns = max(self._beat_ns + _BEAT_NS, now_ns - 10 * _BEAT_NS)
                 beat = encode(Heab(None, self._status))
                 self._played.on_udp(beat, self.link.address, self._beat_ns)
-        elif self._gone:
+        elif self._is_centre_gone:
             self._leave(now_ns)
         self._played.advance(now_ns)
         self._began_ns = self._began_ns or self._played.started_ns

@@ -173,7 +173,7 @@ class IsoObject:
         self._planned = PlannedTrajectory()
         self._start_ns: int | None = None
         self._stop = OwnStop()
-        self._moved_ns = now_ns - _STOOD_NS
+        self._last_motion_ns = now_ns - _STOOD_NS
         self._new_rules = False
         self._target = self._new_target(rules)
 
@@ -214,7 +214,7 @@ class IsoObject:
         self._start_ns = None
         if self._target.state not in _RESTING:
             self._target.local_stop()
-            self._stopped(LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0))
+            self._begin_own_stop(LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0))
 
     def on_tcp(self, data: bytes, now_ns: int) -> None:
         """Take bytes of the connection, in pieces of any size."""
@@ -379,7 +379,7 @@ class IsoObject:
         self.link.send(Dres(*SIMULATED_OBJECT, version, self.object_id, 0))
 
     def _on_heab(self, heab: Heab) -> None:
-        self.link.heard_ns, self.link.status = self._now_ns, heab.status
+        self.link.last_heartbeat_ns, self.link.status = self._now_ns, heab.status
         session = session_of(heab.status, self.started_ns is not None)
         late = self.started_ns is not None and heab.status == CentreStatus.READY
         if late and ns_to_seconds(self._now_ns - (self.started_ns or 0)) > HEAB_LAG_S:
@@ -400,7 +400,7 @@ class IsoObject:
         """Move the object up to a time."""
         while self._now_ns + _STEP_NS <= now_ns:
             self._step()
-        self._take(self.link.given_up(now_ns))
+        self._take(self.link.take_overdue(now_ns))
 
     def take_sent(self, now_ns: int) -> list[OutgoingFrame]:
         """Return the messages that are due by now, in order."""
@@ -416,7 +416,7 @@ class IsoObject:
         before = self._target.state
         outcome = self._target.step(self._own(), now_ns, self.link.silence_s(self._now_ns))
         if outcome.stopped is not None:
-            self._stopped(outcome.stopped)
+            self._begin_own_stop(outcome.stopped)
         if before is ControlState.POSTRUN and self._target.state is ControlState.DISARMED:
             self.started_ns = None
         self.body = step_body(self._rules.spec.cls, self.body, outcome.command, STEP_S)
@@ -433,7 +433,7 @@ class IsoObject:
             is_called: a centre is about to connect: earlier too, where it stands and the centre
                 before said that its test was over. One that was cut off finds it where it stopped.
         """
-        stands_ns = self._now_ns - self._moved_ns
+        stands_ns = self._now_ns - self._last_motion_ns
         is_over = self.link.status not in (None, CentreStatus.READY, CentreStatus.RUNNING)
         is_next = is_called and is_over and stands_ns > 0
         alone = self.link.host is None and (is_next or stands_ns > seconds_to_ns(PUT_BACK_S))
@@ -463,7 +463,7 @@ class IsoObject:
             if refused is not None:
                 self.link.note(f"its trajectory is refused: {refused.text}")
 
-    def _stopped(self, stop: LimitViolation) -> None:
+    def _begin_own_stop(self, stop: LimitViolation) -> None:
         self._stop = OwnStop(stop.code, lost_centre=stop.code in _LOST)
         name = stop.code.name.lower()
         self.link.note(f"stops by itself: {name} {stop.measured:.3f}, limit {stop.limit:.3f}")
@@ -471,13 +471,13 @@ class IsoObject:
     def _settle(self) -> None:
         """Do what has to wait until the object stands."""
         if self.body.speed_mps > 0.0:
-            self._moved_ns = self._now_ns
+            self._last_motion_ns = self._now_ns
         if self.body.speed_mps > OWN_STANDSTILL_MPS:
             return
-        is_still = self._now_ns - self._moved_ns >= _STOOD_NS
+        is_still = self._now_ns - self._last_motion_ns >= _STOOD_NS
         resting = self._target.state in _RESTING
         silent = (
-            self.link.heard_ns is not None
+            self.link.last_heartbeat_ns is not None
             and self.link.silence_s(self._now_ns) > self._tight.limits.heartbeat_s
         )
         if self._stop.lost_centre and is_still:

@@ -241,7 +241,9 @@ def probe_command(
         if json_file is not None:
             write_report(json_file, report)
     return (
-        1 if any(row.verdict in (Outcome.FAIL, Outcome.NOT_RUN) for row in asked_of(report)) else 0
+        1
+        if any(row.verdict in (Outcome.FAIL, Outcome.NOT_RUN) for row in requested_rows(report))
+        else 0
     )
 
 
@@ -251,7 +253,7 @@ def _up_to(stages: tuple[str, ...]) -> tuple[Stage, ...]:
     return tuple(every[: last + 1])
 
 
-def asked_of(report: ProbeReport) -> list[Row]:
+def requested_rows(report: ProbeReport) -> list[Row]:
     """Return the rows of the stages that were asked for."""
     return [row for row in report.rows if row.stage in report.stages]
 
@@ -263,7 +265,7 @@ def show(report: ProbeReport) -> None:
     table = Table(title=escape(title), title_justify="left")
     for column in ("clause", "verdict", "measured", "bound", "found"):
         table.add_column(column, overflow="fold")
-    for row in asked_of(report):
+    for row in requested_rows(report):
         style = _STYLE.get(row.verdict, "yellow")
         table.add_row(
             f"{row.clause}\n[dim]{escape(row.title)}[/]",

@@ -50,10 +50,10 @@ class PlayedVehicle:
         self._now_ns = now_ns
         self._began_ns: int | None = None
         self._silent_ns = seconds_to_ns(run.limits.heartbeat_s)
-        self._heard_ns: int | None = None
+        self._last_message_ns: int | None = None
         self._phase = SessionPhase.IDLE
         # Of the newest heartbeat's session, and of the one in which it drove.
-        self._token = self._drove_in = ""
+        self._token = self._driven_token = ""
         self.body = BodyState.at_rest(run.vut.start.pose)
 
     def hear(self, phase: SessionPhase, token: str, now_ns: int) -> None:
@@ -61,12 +61,14 @@ class PlayedVehicle:
         if phase is SessionPhase.RUNNING and self._phase is not SessionPhase.RUNNING:
             self._began_ns = now_ns
         if phase is SessionPhase.RUNNING:
-            self._drove_in = token
-        self._phase, self._token, self._heard_ns = phase, token, now_ns
+            self._driven_token = token
+        self._phase, self._token, self._last_message_ns = phase, token, now_ns
 
     def drives(self, now_ns: int) -> bool:
         """Tell whether the session runs, and a manager still says so."""
-        has_manager = self._heard_ns is not None and now_ns - self._heard_ns <= self._silent_ns
+        has_manager = (
+            self._last_message_ns is not None and now_ns - self._last_message_ns <= self._silent_ns
+        )
         return has_manager and self._phase is SessionPhase.RUNNING
 
     def advance(self, others: Sequence[ObjectState], now_ns: int) -> BodyState:
@@ -88,9 +90,9 @@ class PlayedVehicle:
 
     def _is_left_away(self) -> bool:
         """Tell whether its session has gone, or the next one is there, and it stands elsewhere."""
-        heard_ns = self._heard_ns
+        heard_ns = self._last_message_ns
         silent = heard_ns is not None and self._now_ns - heard_ns > seconds_to_ns(PUT_BACK_S)
-        is_next = self._token not in ("", self._drove_in) and self._phase in _UNARMED
+        is_next = self._token not in ("", self._driven_token) and self._phase in _UNARMED
         return (silent or is_next) and is_away(self.body, self._run.vut.start.pose)
 
     @property

@@ -419,17 +419,17 @@ class ObjectTargetNode(LifecycleNode):
 
     def __init__(self, _stop: ros.StopRequest) -> None:
         super().__init__(names.OBJECT_TARGET, namespace=names.NAMESPACE)
-        self._given = ros.declare(self, OBJECT_TARGET)
+        self._parameter_values = ros.declare(self, OBJECT_TARGET)
         self._process: ObjectProcess | None = None
         self._failure: Exception | None = None
-        if self._given["autostart"]:
+        if self._parameter_values["autostart"]:
             for trigger in (self.trigger_configure, self.trigger_activate):
                 if trigger() is not TransitionCallbackReturn.SUCCESS:
                     raise self._failure or HostError("the node could not be activated")
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         try:
-            self._process = ObjectProcess(self, self._given)
+            self._process = ObjectProcess(self, self._parameter_values)
         except Exception as error:
             # rclpy turns an exception here into ERROR without a word.
             self.get_logger().error(f"can't configure: {error}")

@@ -188,7 +188,7 @@ class SilWorld(Node):
                 self._report_vut(running=False)
             self._publish_tick()
             return
-        if pacing.is_hold_to_be_told(step, now_ns):
+        if pacing.is_hold_report_due(step, now_ns):
             self._publish_tick()
         for limit in pacing.drop_the_lost(step, self._world.now_ns, now_ns):
             self._announce(limit)

@@ -59,7 +59,7 @@ class VutAdapter(Node):
         )
         lever = LeverArm(*unit)
         self._states = VutStates(run.vut, lever, names.MAP_FRAME)
-        self._used = self._unusable = self._heard = self._told = 0
+        self._used = self._unusable = self._message_count = self._reported_count = 0
         self._reason = ""
         self._velocity = ""
         self._pub = self.create_publisher(ObjectState, names.state_topic(names.VUT_ID), ros.STATE)
@@ -113,7 +113,7 @@ class VutAdapter(Node):
         self._tolerate("velocity", lambda: self._gnss.hear_speed(_speed(message, twist_of)))
 
     def _publish(self, make: Callable[[], State]) -> None:
-        self._heard += 1
+        self._message_count += 1
         try:
             state = make()
         except (Unusable, ValueError) as error:
@@ -146,8 +146,8 @@ class VutAdapter(Node):
         status.header.stamp = ros.stamp_from_ns(time.time_ns())
         status.used, status.refused = self._used, self._unusable
         silent = f"nothing arrives on {names.absolute(self._places)}"
-        status.reason = self._reason if self._heard > self._told else silent
-        self._told = self._heard
+        status.reason = self._reason if self._message_count > self._reported_count else silent
+        self._reported_count = self._message_count
         self._status.publish(status)
 
     def _find_velocity(self) -> None:

@@ -80,7 +80,7 @@ class VutDriver(Node):
             driven.driver, driven.options, recorded, lambda: stop.reason is None
         )
         self._seat = DriverSeat(pilot_of(run, driven, self._driver))
-        self._is_end_told = False
+        self._is_end_reported = False
         self._model: KeptModel | None = None
         self._worker: ThreadPoolExecutor | None = None
         if isinstance(self._driver, SeeingDriver):
@@ -96,7 +96,7 @@ class VutDriver(Node):
         pub, driver, vut = self.create_publisher, self._driven.driver, self._run.vut.id
         self._command = pub(ActuatorCommand, names.VUT_COMMAND, ros.COMMAND)
         self._safety = pub(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
-        self._said: dict[str, Any] = {
+        self._report_publishers: dict[str, Any] = {
             names.vla_request_topic(driver): pub(
                 VlaRequest, names.vla_request_topic(driver), ros.COMMAND
             ),
@@ -108,7 +108,7 @@ class VutDriver(Node):
         }
         if self._driven.latency.measured:
             topic = names.vla_latency_topic(driver)
-            self._said[topic] = pub(DiagnosticArray, topic, ros.COMMAND)
+            self._report_publishers[topic] = pub(DiagnosticArray, topic, ros.COMMAND)
         if self._model is not None:
             phase, take = names.SESSION_STATE, self._model.take_phase
             ros.subscribe_raw(self, SessionState, phase, _phase_of, take, ros.LATCHED, raw=False)
@@ -166,9 +166,9 @@ class VutDriver(Node):
                 ended = self._model.ending(answer.report)
             drive = drive_messages(self._driven, self._run.vut.id, answer.report, answer.now_ns)
             for topic, message in drive:
-                self._said[topic].publish(message)
-            if ended and not self._is_end_told:
-                self._is_end_told = True
+                self._report_publishers[topic].publish(message)
+            if ended and not self._is_end_reported:
+                self._is_end_reported = True
                 self._announce(f"it ended: {ended}", answer.now_ns)
         self._send(answer)
 

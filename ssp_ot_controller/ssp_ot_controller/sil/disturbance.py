@@ -356,7 +356,7 @@ class Channel:
         self._localisation = Localisation(run, object_id, self._faults)
         # How often the world holds isn't the same in two runs: no draws of the run's own streams.
         self._hold = uniforms(run.seed, object_id, "hold")
-        self._held: Iterator[float] | None = self._hold
+        self._active_hold: Iterator[float] | None = self._hold
         n, faults = self._noise, self._faults
         up = LinkQuality(n.state_delay_s, n.state_jitter_s, n.state_loss, n.reorder)
         # The transport of acknowledgements is reliable: only a fault loses them.
@@ -383,7 +383,7 @@ class Channel:
             for line in (self._up, self._acks, self._heartbeats, self._references):
                 line.clear()
         self._running = running
-        self._held = None if running else self._hold
+        self._active_hold = None if running else self._hold
         return self._faults.begin(now_ns, running=running, armed=armed)
 
     def clock_ns(self, now_ns: int) -> int:
@@ -424,19 +424,19 @@ class Channel:
 
     def up(self, state: ObjectState, now_ns: int) -> list[ObjectState]:
         """Send a state to the manager; return the states that arrive there now, in that order."""
-        return self._up.pass_on([state], now_ns, self._held)
+        return self._up.pass_on([state], now_ns, self._active_hold)
 
     def up_acks(self, acks: Sequence[Acknowledgement], now_ns: int) -> list[Acknowledgement]:
         """Send acknowledgements to the manager; return those that arrive there now."""
-        return self._acks.pass_on(acks, now_ns, self._held)
+        return self._acks.pass_on(acks, now_ns, self._active_hold)
 
     def down_heartbeats(self, beats: Sequence[Heartbeat], now_ns: int) -> list[Heartbeat]:
         """Send heartbeats; return those that reach the object now, earlier ones too."""
-        return self._heartbeats.pass_on(beats, now_ns, self._held)
+        return self._heartbeats.pass_on(beats, now_ns, self._active_hold)
 
     def down_references(self, references: Sequence[Reference], now_ns: int) -> list[Reference]:
         """Send references; return those that reach the object now, earlier ones too."""
-        return self._references.pass_on(references, now_ns, self._held)
+        return self._references.pass_on(references, now_ns, self._active_hold)
 
 
 class Actuator:

@@ -1,4 +1,4 @@
-"""When the simulated world steps, holds, and goes on without a participant; without ROS.
+"""The pacing of the simulated world without ROS: its steps, its holds, whom it gives up.
 
 This file owns the session's phase as the world knows it, the answers that the present step still
 needs, and how long they have been missing. It reads no clock: each call brings the time of a
@@ -54,8 +54,8 @@ class Pacing:
         self._over = False
         self._heard_manager_ns = now_ns
         self._started_ns = 0
-        self._overrun_told = False
-        self._driver_told = False
+        self._overrun_reported = False
+        self._driver_loss_reported = False
 
     @property
     def lockstep(self) -> bool:
@@ -119,7 +119,7 @@ class Pacing:
             return False
         if not self._run.has_driver_node:
             return True
-        heard_ns = self._hold.heard_ns
+        heard_ns = self._hold.last_sign_ns
         return heard_ns is not None and now_ns - heard_ns <= DRIVER_FRESH_S * NS_PER_S
 
     def may_step(self, step: int) -> bool:
@@ -152,9 +152,9 @@ class Pacing:
             self.running = False
             self._over = True
         driver = world.driver
-        if self._driver_told or not driver.external_is_silent:
+        if self._driver_loss_reported or not driver.external_is_silent:
             return []
-        self._driver_told = True
+        self._driver_loss_reported = True
         silence_s = driver.external_silence_s
         return [_lost(names.VUT_DRIVER, silence_s, DRIVER_TIMEOUT_S, world.now_ns)]
 
@@ -166,9 +166,9 @@ class Pacing:
             now_ns: the steady clock, ns.
         """
         behind_s = ns_to_seconds(now_ns - self._started_ns - world_ns)
-        if behind_s <= OVERRUN_S or self._overrun_told:
+        if behind_s <= OVERRUN_S or self._overrun_reported:
             return None
-        self._overrun_told = True
+        self._overrun_reported = True
         world = names.SIL_WORLD
         return LimitFact(SafetyCode.OVERRUN, world, world, behind_s, OVERRUN_S, world_ns)
 
@@ -196,7 +196,9 @@ class Pacing:
             lost, names.FRONT_CAMERA, now_ns
         ).items():
             self._barrier.drop(participant)
-            self._driver_told = self._driver_told or participant == names.VUT_DRIVER
+            self._driver_loss_reported = (
+                self._driver_loss_reported or participant == names.VUT_DRIVER
+            )
             if participant != names.MONITOR:
                 yield _lost(participant, waited_s, limit_s, world_ns)
 
@@ -207,9 +209,9 @@ class Pacing:
         """
         return self._hold.is_at(step, now_ns) and names.VUT_DRIVER in self._barrier.lost(step)
 
-    def is_hold_to_be_told(self, step: int, now_ns: int) -> bool:
+    def is_hold_report_due(self, step: int, now_ns: int) -> bool:
         """Tell whether the step is said again while a model is waited for: a hold is no silence."""
-        return self._hold.is_to_be_told(now_ns, holds=self.driver_waits(step, now_ns))
+        return self._hold.is_report_due(now_ns, holds=self.driver_waits(step, now_ns))
 
 
 def _barrier_of(run: RunSpec) -> StepBarrier:

@@ -111,13 +111,13 @@ class DriverHold:
     def __init__(self, limit_s: float, period_s: float, first_step: int = 0) -> None:
         self._first_step = first_step
         self._limit_ns, self._period_ns = seconds_to_ns(limit_s), seconds_to_ns(period_s)
-        self.heard_ns: int | None = None
+        self.last_sign_ns: int | None = None
         self._step = -1
-        self._told_ns = 0
+        self._report_ns = 0
 
     def hear(self, now_ns: int) -> None:
         """Take a sign of life."""
-        self.heard_ns = now_ns
+        self.last_sign_ns = now_ns
 
     def wait(self, step: int) -> None:
         """Take the driver's word that it waits at a step."""
@@ -126,15 +126,15 @@ class DriverHold:
 
     def is_at(self, step: int, now_ns: int) -> bool:
         """Tell whether the driver waits at a step, and is alive."""
-        if self._step != step or self.heard_ns is None:
+        if self._step != step or self.last_sign_ns is None:
             return False
-        return now_ns - self.heard_ns <= self._limit_ns
+        return now_ns - self.last_sign_ns <= self._limit_ns
 
-    def is_to_be_told(self, now_ns: int, *, holds: bool) -> bool:
+    def is_report_due(self, now_ns: int, *, holds: bool) -> bool:
         """Tell whether the world says now that it holds; it isn't asked again for a period."""
-        if holds and now_ns - self._told_ns < self._period_ns:
+        if holds and now_ns - self._report_ns < self._period_ns:
             return False
-        self._told_ns = now_ns
+        self._report_ns = now_ns
         return holds
 
 

@@ -147,7 +147,7 @@ class VutDriver:
         self._drivers = _drivers(run.driver)
         self._priority = PriorityWatch(run.driver)
         self._emergency = False
-        self._heard_ns = 0
+        self._external_ns = 0
         self.external_silence_s = 0.0
         self.fault_changes: list[FaultChange] = []
 
@@ -173,7 +173,7 @@ class VutDriver:
         if self._run.driver.external or external is not None:
             command = self._external(vut, external)
         else:
-            command = self._built_in(vut, others, driver)
+            command = self._built_in_command(vut, others, driver)
         comfortable = driver.comfortable_deceleration_mps2
         stops = [fault.value or comfortable for fault in self._faults.active("vut_stop")]
         if not (drives and wants_to_drive):
@@ -190,7 +190,9 @@ class VutDriver:
                 driver, drives = changed, wants
         return driver, drives
 
-    def _built_in(self, vut: ObjectState, others: Sequence[ObjectState], driver: Driver) -> Command:
+    def _built_in_command(
+        self, vut: ObjectState, others: Sequence[ObjectState], driver: Driver
+    ) -> Command:
         if self._path is None:
             return brake_command(vut, driver.comfortable_deceleration_mps2)
         most = math.inf
@@ -227,8 +229,8 @@ class VutDriver:
         The state before the start isn't answered. A command that isn't finite is no command.
         """
         if external is not None and external[1].is_finite:
-            self._heard_ns = vut.stamp_ns - seconds_to_ns(external[0])
-        self.external_silence_s = ns_to_seconds(vut.stamp_ns - self._heard_ns)
+            self._external_ns = vut.stamp_ns - seconds_to_ns(external[0])
+        self.external_silence_s = ns_to_seconds(vut.stamp_ns - self._external_ns)
         if external is None or not external[1].is_finite or self.external_is_silent:
             return brake_command(vut, self._run.limits.stop_deceleration_mps2)
         return external[1]

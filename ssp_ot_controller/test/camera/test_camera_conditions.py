@@ -223,13 +223,13 @@ def test_indicators_blink_on_their_side(object_class: ObjectClass, yaw_rad: floa
     near = thing(object_class, 18.0 if yaw_rad == 0.0 else 26.0, 0.0, yaw_rad)
     unlit = replace(near, stamp_ns=400_000_000)
 
-    def shown(state: ObjectState, side: Indicator) -> Image:
+    def picture_with(state: ObjectState, side: Indicator) -> Image:
         return picture(state, indicators={"thing": side})
 
-    dark = shown(unlit, Indicator.LEFT)
+    dark = picture_with(unlit, Indicator.LEFT)
     assert np.array_equal(dark, picture(unlit))
     for side, sign in ((Indicator.LEFT, 1.0), (Indicator.RIGHT, -1.0)):
-        new = bright(shown(near, side), "amber") & ~bright(dark, "amber")
+        new = bright(picture_with(near, side), "amber") & ~bright(dark, "amber")
         columns = np.nonzero(new)[1]
         assert len(columns) >= 2
         assert np.all((columns - 159.5) * sign * math.cos(yaw_rad) < 0.0)

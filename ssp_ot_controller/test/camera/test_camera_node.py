@@ -44,7 +44,7 @@ class World:
         self.images: list[CompressedImage] = []
         self.infos: list[CameraInfo] = []
         self.mounts: list[TransformStamped] = []
-        self.heard: list[tuple[str, int]] = []  # images and answers in the order they came
+        self.events: list[tuple[str, int]] = []  # images and answers in the order they came
         subscribe = self.node.create_subscription
         subscribe(CompressedImage, names.CAMERA_IMAGE, self._on_image, ros.SENSOR)
         subscribe(CameraInfo, names.CAMERA_INFO, self.infos.append, ros.LATCHED)
@@ -54,14 +54,14 @@ class World:
 
     def _on_image(self, message: CompressedImage) -> None:
         self.images.append(message)
-        self.heard.append(("image", ros.ns_from_stamp(message.header.stamp) // STEP_NS))
+        self.events.append(("image", ros.ns_from_stamp(message.header.stamp) // STEP_NS))
 
     def _on_done(self, message: StepDone) -> None:
         assert message.participant == names.FRONT_CAMERA
-        self.heard.append(("done", message.step))
+        self.events.append(("done", message.step))
 
     def steps(self, kind: str) -> list[int]:
-        return [step for what, step in self.heard if what == kind]
+        return [step for what, step in self.events if what == kind]
 
     def tick(self, step: int, running: bool = True, lockstep: bool = True) -> None:
         x = 5.0 + 0.2 * step

@@ -51,7 +51,7 @@ def question(number: int) -> Question:
 
 def report(number: int, given: GivenAnswer) -> DriveReport:
     asked = question(number)
-    return DriveReport(DriveMode.PLAN, asked=asked, given=given, died=given.ended)
+    return DriveReport(DriveMode.PLAN, question=asked, answer=given, died=given.ended)
 
 
 def test_a_question_that_an_abort_cut_off_has_an_answer_without_a_plan(tmp_path: Path) -> None:

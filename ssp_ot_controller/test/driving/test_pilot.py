@@ -34,10 +34,10 @@ class Scripted:
 
     def __init__(self, says: Callable[[Question], Answer] = lane_plan) -> None:
         self.says = says
-        self.asked: list[Question] = []
+        self.questions: list[Question] = []
 
     def answer(self, question: Question) -> Answer:
-        self.asked.append(question)
+        self.questions.append(question)
         return self.says(question)
 
 
@@ -71,22 +71,22 @@ def times(reports: list[tuple[float, DriveReport]], field: str) -> list[float]:
 
 def test_without_latency_each_frame_is_asked_about_and_effective_at_once() -> None:
     reports = drive(Scripted())
-    asked = times(reports, "asked")
+    asked = times(reports, "question")
     assert asked == pytest.approx([0.2 + 0.1 * k for k in range(19)])
-    assert times(reports, "answered") == asked
+    assert times(reports, "effective_answer") == asked
 
 
 def test_one_question_is_open_and_the_next_is_of_the_first_frame_at_which_none_is() -> None:
     reports = drive(Scripted(), latency_s=0.25)
-    assert times(reports, "asked")[:4] == pytest.approx([0.2, 0.5, 0.8, 1.1])
+    assert times(reports, "question")[:4] == pytest.approx([0.2, 0.5, 0.8, 1.1])
     # Effective at the first step at or after t + L.
-    assert times(reports, "answered")[:4] == pytest.approx([0.46, 0.76, 1.06, 1.36])
+    assert times(reports, "effective_answer")[:4] == pytest.approx([0.46, 0.76, 1.06, 1.36])
 
 
 def test_a_latency_of_a_frame_is_open_up_to_the_next_frame() -> None:
     reports = drive(Scripted(), latency_s=0.1)
-    assert times(reports, "asked")[:3] == pytest.approx([0.2, 0.3, 0.4])
-    assert times(reports, "answered")[:3] == pytest.approx([0.3, 0.4, 0.5])
+    assert times(reports, "question")[:3] == pytest.approx([0.2, 0.3, 0.4])
+    assert times(reports, "effective_answer")[:3] == pytest.approx([0.3, 0.4, 0.5])
 
 
 def test_a_plan_lies_where_the_vut_was_at_its_frame_and_not_where_it_is() -> None:
@@ -103,7 +103,7 @@ def test_it_leads_from_the_hand_over_on() -> None:
 def test_a_driver_that_says_nothing_falls_back_from_the_hand_over_on() -> None:
     reports = drive(Scripted(lambda _: Answer(None)))
     assert {report.mode for at_s, report in reports if at_s >= 1.0} == {DriveMode.FALLBACK}
-    refused = {report.answered.refused for _, report in reports if report.answered}
+    refused = {report.effective_answer.refused for _, report in reports if report.effective_answer}
     assert refused == {"not_ready"}
 
 
@@ -133,7 +133,7 @@ def test_a_driver_that_raises_has_died_and_is_asked_no_more() -> None:
 
     driver = Scripted(says)
     reports = drive(driver)
-    assert len(driver.asked) == 1
+    assert len(driver.questions) == 1
     assert reports[-1][1].died == "MemoryError: 1 GB"
 
 
@@ -149,7 +149,7 @@ def test_a_driver_that_raises_has_died_and_is_asked_no_more() -> None:
 def test_a_driver_whose_answer_can_not_be_read_has_died_or_is_refused(answer: Any) -> None:
     """It ends the run, never the campaign."""
     reports = drive(Scripted(lambda _: answer))
-    refused = {report.answered.refused for _, report in reports if report.answered}
+    refused = {report.effective_answer.refused for _, report in reports if report.effective_answer}
     assert reports[-1][1].died.startswith("its answer can't be read") or all(refused), refused
 
 
@@ -181,7 +181,7 @@ def test_a_driver_that_leaves_the_process_has_died() -> None:
 def test_a_question_holds_motion_and_lane_and_no_truth() -> None:
     driver = Scripted()
     drive(driver)
-    question = driver.asked[-1]
+    question = driver.questions[-1]
     assert question.privileged is None
     assert question.history[-1].t_s == 0.0
     assert question.history[0].t_s == pytest.approx(-1.7)
@@ -202,7 +202,7 @@ def test_a_route_is_the_lane_wherever_the_vut_avoids_to() -> None:
         place = {"x_m": 0.2 * step, "y_m": 1.5, "yaw_rad": 0.3}
         vut = object_state("vut", **place, speed_mps=10.0, stamp_ns=now_ns)
         pilot.step(step, now_ns, vut, (vut,))
-    question = driver.asked[-1]
+    question = driver.questions[-1]
     assert question.pose.y_m == 1.5
     lane = [question.pose.to_parent(x, y) for x, y in question.route_m]
     assert [y for _, y in lane] == pytest.approx([0.0] * 81, abs=1e-9)
@@ -234,7 +234,7 @@ def test_every_baseline_answers_with_a_plan_that_is_driven(name: str) -> None:
     for step in range(60):
         _, report = pilot.step(step, step * STEP_NS, vut, (vut, other))
         assert not report.died
-        assert report.answered is None or not report.answered.refused
+        assert report.effective_answer is None or not report.effective_answer.refused
 
 
 def test_aeb_brakes_at_its_time_to_collision_and_not_for_what_is_beside_its_lane() -> None:
@@ -247,8 +247,8 @@ def test_aeb_brakes_at_its_time_to_collision_and_not_for_what_is_beside_its_lane
         other = object_state("ot1", x_m=x_m, y_m=y_m, speed_mps=speed_mps)
         for step in range(11):
             _, report = pilot.step(step, step * STEP_NS, vut, (vut, other))
-        assert report.answered is not None
-        plan = report.answered.answer.trajectory
+        assert report.effective_answer is not None
+        plan = report.effective_answer.answer.trajectory
         assert plan is not None
         return plan.x_m[-1] < 49.0
 

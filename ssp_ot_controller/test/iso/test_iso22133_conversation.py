@@ -66,7 +66,7 @@ class Talk:
         default_factory=lambda: TrajectoryDecision(P.CONNECTED, C.DISARMED)
     )
     reported: NewestReport = field(
-        default_factory=lambda: NewestReport(connected=True, number=C.DISARMED, heard=True)
+        default_factory=lambda: NewestReport(connected=True, number=C.DISARMED, has_report=True)
     )
     sent: list[Message] = field(default_factory=list)
 
@@ -177,12 +177,12 @@ def test_it_is_armed_once_and_counts_as_armed_when_it_says_so() -> None:
         ({"gate": ("no probe report",)}, ["no probe report"]),
         ({"connected": False}, ["its test object isn't connected"]),
         ({"connected": False, "problem": "refused"}, ["its test object isn't connected: refused"]),
-        ({"heard": False}, ["its test object sends no MONR"]),
+        ({"has_report": False}, ["its test object sends no MONR"]),
         ({"number": 5}, ["its test object reports POSTRUN (5), not DISARMED (3)"]),
         ({"number": 77}, ["its test object reports 77 (no known state), not DISARMED (3)"]),
         ({"number": None}, ["its test object reports no state, not DISARMED (3)"]),
         (
-            {"gate": ("no probe report", "another firmware"), "heard": False},
+            {"gate": ("no probe report", "another firmware"), "has_report": False},
             ["no probe report", "another firmware", "its test object sends no MONR"],
         ),
     ],

@@ -72,15 +72,15 @@ class Peer:
         self._control, _ = sockets.tcp.accept()
         self._control.settimeout(DEADLINE_S)
         self._decoder = StreamDecoder(1 << 20)
-        self._heard: list[Message] = []
+        self._messages: list[Message] = []
         self._address: Any = None
 
     def hears(self) -> Message:
         """The next control message."""
-        while not self._heard:
+        while not self._messages:
             for frame in self._decoder.feed(self._control.recv(65536)):
-                self._heard.append(_message(frame))
-        return self._heard.pop(0)
+                self._messages.append(_message(frame))
+        return self._messages.pop(0)
 
     def beat(self) -> Message:
         """The next heartbeat."""
@@ -111,15 +111,15 @@ def sockets() -> Iterator[ObjectSockets]:
 
 
 @pytest.fixture
-def told() -> list[str]:
+def notes() -> list[str]:
     return []
 
 
 @pytest.fixture
-def body(sockets: ObjectSockets, told: list[str]) -> Iterator[IsoBody]:
+def body(sockets: ObjectSockets, notes: list[str]) -> Iterator[IsoBody]:
     run = RunSpec.model_validate(small_run(mode="live", datum=DATUM))
     address = IsoAddress(sockets.host, sockets.port, waive="Ada")
-    made = IsoBody(run, run.targets[0], address, 1, told.append)
+    made = IsoBody(run, run.targets[0], address, 1, notes.append)
     yield made
     made.close()
 
@@ -127,11 +127,11 @@ def body(sockets: ObjectSockets, told: list[str]) -> Iterator[IsoBody]:
 def connected(body: IsoBody, sockets: ObjectSockets) -> Peer:
     """The object's end, once settings and first trajectory were sent."""
 
-    def asked() -> bool:
+    def has_attempt() -> bool:
         body.poll(time.time_ns())
         return bool(select.select([sockets.tcp], [], [], 0.0)[0])
 
-    until(asked, "attempt")
+    until(has_attempt, "attempt")
     peer = Peer(sockets)
 
     def follows() -> bool:
@@ -145,7 +145,7 @@ def connected(body: IsoBody, sockets: ObjectSockets) -> Peer:
     return peer
 
 
-def test_an_object_is_led_and_read(body: IsoBody, sockets: ObjectSockets, told: list[str]) -> None:
+def test_an_object_is_led_and_read(body: IsoBody, sockets: ObjectSockets, notes: list[str]) -> None:
     peer = connected(body, sockets)
     osem, traj = peer.hears(), peer.hears()
     assert isinstance(osem, Osem)
@@ -170,20 +170,20 @@ def test_an_object_is_led_and_read(body: IsoBody, sockets: ObjectSockets, told: 
     assert names[:4] == ["Osem", "Traj", "Heab", "Monr"]
     assert [one.sent for one in frames][:4] == [True, True, True, False]
     assert body.frames() == []
-    assert "Ada lets ot1 be armed" in told[0]
+    assert "Ada lets ot1 be armed" in notes[0]
     peer.close()
 
 
 def test_a_lost_object_is_told_and_connected_again(
-    body: IsoBody, sockets: ObjectSockets, told: list[str]
+    body: IsoBody, sockets: ObjectSockets, notes: list[str]
 ) -> None:
     connected(body, sockets).close()
 
-    def told_of_it() -> bool:
+    def reports_loss() -> bool:
         body.poll(time.time_ns())
-        return any("not connected any more" in text for text in told)
+        return any("not connected any more" in text for text in notes)
 
-    until(told_of_it, "loss")
+    until(reports_loss, "loss")
     body.follow(TrajectoryDecision(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
     assert "isn't connected: 127.0.0.1" in body.check.cannot_arm[0]
     again = connected(body, sockets)

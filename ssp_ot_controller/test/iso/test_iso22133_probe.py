@@ -428,12 +428,12 @@ def test_a_host_that_cannot_be_reached_is_the_finding_of_its_first_clause(
 ) -> None:
     real = socket.getaddrinfo
 
-    def found(name: str, *args: Any, **given: Any) -> Any:
+    def resolve(name: str, *args: Any, **given: Any) -> Any:
         if name == "nohost.invalid":
             raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
         return real(name, *args, **given)
 
-    monkeypatch.setattr(socket, "getaddrinfo", found)
+    monkeypatch.setattr(socket, "getaddrinfo", resolve)
     path = tmp_path / "report.json"
     result = CliRunner().invoke(iso, ["probe", host, "--json", str(path)], standalone_mode=False)
     assert (result.exception, result.return_value) == (None, 1)

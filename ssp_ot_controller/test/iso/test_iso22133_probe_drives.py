@@ -44,7 +44,7 @@ Change = Callable[[Monr], Monr]
 CAR = ObjectKind(ObjectClass.CAR)
 
 
-def told(report: ProbeReport, kind: ObjectKind = CAR) -> str:
+def arming_problems(report: ProbeReport, kind: ObjectKind = CAR) -> str:
     return " ".join(cannot_arm(report, LIMITS, report.firmware, None, kind))
 
 
@@ -85,7 +85,7 @@ def omnidirectional() -> ProbeReport:
     return Probed(omnidirectional=True).run()
 
 
-def judged(drive: str, change: Change) -> ProbeReport:
+def report_with(drive: str, change: Change) -> ProbeReport:
     """Judge the sound probe as if other reports had come in one of its drives."""
     probe = copy(sound())
     step = probe.steps[drive]
@@ -122,13 +122,13 @@ def judged(drive: str, change: Change) -> ProbeReport:
 def test_what_would_end_a_session_is_judged_in_each_drive_and_keeps_it_from_being_armed(
     drive: str, change: Change, clause: str, words: str
 ) -> None:
-    report = judged(drive, change)
+    report = report_with(drive, change)
     row = report.row(clause)
     assert row is not None
     assert row.verdict is Outcome.FAIL
     assert words in row.text
     assert row.came
-    assert f"({clause})" in told(report)
+    assert f"({clause})" in arming_problems(report)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_a_probe_during_which_an_object_reports_so_ends_and_tells_it(
 ) -> None:
     report = Probed(reports=while_driving(change)).run()
     assert clause in with_verdict(report, Outcome.FAIL)
-    assert f"({clause})" in told(report)
+    assert f"({clause})" in arming_problems(report)
 
 
 def test_an_object_that_drives_backwards_contradicts_its_trajectory() -> None:
@@ -156,13 +156,13 @@ def test_an_object_that_drives_backwards_contradicts_its_trajectory() -> None:
     row = report.row("move.motion")
     assert row is not None
     assert row.text.startswith("drives backwards: yaw turned by 180°")
-    assert "(move.motion)" in told(report)
+    assert "(move.motion)" in arming_problems(report)
 
 
 def test_without_a_heading_the_probe_goes_no_further() -> None:
     report = Probed(reports=only_in("abort", set_to(yaw_rad=None))).run()
     assert with_verdict(report, Outcome.NOT_RUN) >= {"move.abort", "move.heartbeat_loss"}
-    assert "(move.abort)" in told(report)
+    assert "(move.abort)" in arming_problems(report)
 
 
 @pytest.mark.parametrize("drive", DRIVES[1:])
@@ -197,7 +197,7 @@ def test_a_sound_object_of_each_class_passes(object_class: str, degrees: float) 
         object_class=object_class, reports=while_driving(turned(degrees)), link=ReorderingLink
     ).run()
     assert with_verdict(report, Outcome.FAIL) == {"listen.counter"}
-    assert told(report, report.kind) == ""
+    assert arming_problems(report, report.kind) == ""
 
 
 @pytest.mark.parametrize(
@@ -241,17 +241,17 @@ def test_a_heading_that_is_known_in_motion_alone_is_sound() -> None:
 def test_of_what_moves_in_any_direction_the_speed_alone_counts(degrees: float) -> None:
     report = Probed(omnidirectional=True, reports=while_driving(turned(degrees))).run()
     assert with_verdict(report, Outcome.FAIL) == set()
-    assert told(report, report.kind) == ""
+    assert arming_problems(report, report.kind) == ""
 
 
 def test_what_moves_in_any_direction_and_states_another_speed_is_not_armed() -> None:
     wrong = Probed("speed_factor=0.28", omnidirectional=True).run()
-    assert "(move.motion)" in told(wrong, wrong.kind)
+    assert "(move.motion)" in arming_problems(wrong, wrong.kind)
 
 
 def test_a_report_of_a_kind_with_wider_bounds_arms_no_other() -> None:
     report = omnidirectional()
-    assert told(report) == (
+    assert arming_problems(report) == (
         "its probe report judges its motion by `--class car --omnidirectional`: probe it with "
         "`--class car`"
     )

@@ -121,12 +121,12 @@ class Fault:
 
     Args:
         reaction_s: until brakes, at most; the rest of its way is that of the braking.
-        told: code of the object target's event; None: the target is gone.
+        code: of the object target's event; None: the target is gone.
     """
 
     do: Callable[[Loop], None]
     reaction_s: float
-    told: SafetyCode | None
+    code: SafetyCode | None
 
 
 def cut(loop: Loop) -> None:
@@ -246,8 +246,8 @@ def test_a_fault_ends_in_a_standstill_within_its_way(name: str, speed_mps: float
     allowed_m = stopping.distance_m(from_mps, fault.reaction_s + SEEN_S, gain_mps2)
     assert 0.0 < way_m <= allowed_m
     assert loop.object.body.speed_mps == 0.0
-    if fault.told is not None:
-        assert fault.told in [stop.code for stop in loop.stops]
+    if fault.code is not None:
+        assert fault.code in [stop.code for stop in loop.stops]
         assert loop.state is ControlState.ABORTING
 
 

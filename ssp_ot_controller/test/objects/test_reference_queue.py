@@ -43,11 +43,11 @@ def test_what_was_taken_once_is_known_until_all_is_forgotten() -> None:
     queue = ReferenceQueue()
     queue.take(reference("a", 100))
     queue.take(reference("b", 50))
-    assert queue.has_taken(reference("a", 100))
-    assert not queue.has_taken(reference("a", 101))
-    assert not queue.has_taken(reference("c", 100))
+    assert queue.has_accepted(reference("a", 100))
+    assert not queue.has_accepted(reference("a", 101))
+    assert not queue.has_accepted(reference("c", 100))
     queue.clear()
-    assert not queue.has_taken(reference("a", 100))
+    assert not queue.has_accepted(reference("a", 100))
     assert queue.current is None
     assert not queue.advance(1000)
 

@@ -42,9 +42,9 @@ class Receiver:
         self.headings = pub(Imu, "imu", ros.STATE)
         self.velocities = pub(twist, "vel", ros.STATE)
         self.states: list[msg.ObjectState] = []
-        self.told: list[msg.LocalisationStatus] = []
+        self.statuses: list[msg.LocalisationStatus] = []
         sub(msg.ObjectState, names.state_topic("vut"), self.states.append, ros.STATE)
-        sub(msg.LocalisationStatus, names.LOCALISATION_STATUS, self.told.append, ros.STATE)
+        sub(msg.LocalisationStatus, names.LOCALISATION_STATUS, self.statuses.append, ros.STATE)
 
     def send(self, covariance_type: int = NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN) -> None:
         stamp = ros.stamp_from_ns(time.time_ns())
@@ -68,7 +68,7 @@ class Receiver:
     @property
     def reason(self) -> str | None:
         """The newest word of why there is no state; None: no word yet."""
-        return self.told[-1].reason if self.told else None
+        return self.statuses[-1].reason if self.statuses else None
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def test_places_headings_and_velocities_become_states(
         assert (state.x, state.y) == pytest.approx((30.0, 40.0), abs=1e-6)
         assert (state.yaw, state.speed) == pytest.approx((0.75 * math.pi, 5.0), abs=1e-6)
         assert state.position_std == pytest.approx(0.02)
-        assert receiver.told[-1].used >= 1
+        assert receiver.statuses[-1].used >= 1
 
         def approximated() -> bool:
             receiver.send(NavSatFix.COVARIANCE_TYPE_APPROXIMATED)

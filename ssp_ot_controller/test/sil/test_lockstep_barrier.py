@@ -151,7 +151,7 @@ def test_a_hold_lasts_as_long_as_its_driver_says_so_and_is_told_once_a_period() 
     assert hold.is_at(7, 4 * second)
     assert not hold.is_at(8, 4 * second)
     assert not hold.is_at(7, 4 * second + 1)
-    told = [hold.is_to_be_told(k * second // 2, holds=k > 2) for k in range(8)]
+    told = [hold.is_report_due(k * second // 2, holds=k > 2) for k in range(8)]
     assert told == [False, False, False, False, True, False, True, False]
 
 

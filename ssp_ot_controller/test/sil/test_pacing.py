@@ -1,4 +1,4 @@
-"""When the world steps, holds and goes on without somebody, by a clock that the test sets."""
+"""The world steps, holds and gives participants up, by a clock that the test sets."""
 
 from __future__ import annotations
 
@@ -242,10 +242,10 @@ def test_a_model_is_waited_for_as_long_as_its_driver_says_so() -> None:
     for _ in range(round(2.0 * BUSY_LIMIT_S / LOOK_S)):
         paced.drive(finite=False)
         paced.wait(LOOK_S)
-        told += paced.pacing.is_hold_to_be_told(paced.step, paced.now_ns)
+        told += paced.pacing.is_hold_report_due(paced.step, paced.now_ns)
         assert paced.lost == []
     assert told == pytest.approx(2.0 * BUSY_LIMIT_S / HOLD_TOLD_S, abs=2)
     # Its word ages.
     paced.wait(BUSY_LIMIT_S + 2 * LOOK_S)
-    assert not paced.pacing.is_hold_to_be_told(paced.step, paced.now_ns)
+    assert not paced.pacing.is_hold_report_due(paced.step, paced.now_ns)
     assert [who for who, _ in paced.lost] == [names.VUT_DRIVER]

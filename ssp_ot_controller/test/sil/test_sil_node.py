@@ -214,12 +214,12 @@ def test_a_driver_that_waits_for_its_model_is_not_lost_and_one_that_is_silent_is
     waits = peers.node.create_timer(0.2, wait)
     began, at = len(peers.ticks), []
 
-    def told_for(seconds: int) -> bool:
+    def holds_for(seconds: int) -> bool:
         at[:] = [tick.step for tick in peers.ticks[began:]]
         return bool(at) and at.count(at[-1]) > seconds
 
     # The first is the step itself; then it is said once a second.
-    peers.spin_until(lambda: told_for(round(HANG_LIMIT_S) + 2), "a hold beyond the limit")
+    peers.spin_until(lambda: holds_for(round(HANG_LIMIT_S) + 2), "a hold beyond the limit")
     assert len(set(at)) <= 2
     assert all(tick.running for tick in peers.ticks[began:])
     assert peers.codes() == []

@@ -179,9 +179,9 @@ class View:
                 if cell is not None:
                     yield who, participant, phase, cell
 
-    def said(self, *paths: str) -> str:
+    def evidence(self, *paths: str) -> str:
         """Return ``path = value`` of each, as the evidence of a failure."""
-        return "; ".join(f"{path} = {self._shown(path)}" for path in paths)
+        return "; ".join(f"{path} = {self._value_text(path)}" for path in paths)
 
     def origin(self, path: str) -> Origin:
         """Name the origin of a wrong value of this one field, by its provenance in part U."""
@@ -189,7 +189,7 @@ class View:
         provenance = self.event.uncertainty[entry].provenance if entry else ""
         return ORIGINS.get(provenance, "contradiction in the structure")
 
-    def _shown(self, path: str) -> str:
+    def _value_text(self, path: str) -> str:
         try:
             return show(get(self.value, path))
         except LookupError:
@@ -232,7 +232,7 @@ class Fail:
             evidence: where it isn't simply the values at these paths.
             origin: where it isn't the usual one.
         """
-        evidence_text = evidence or view.said(*paths)
+        evidence_text = evidence or view.evidence(*paths)
         return Failure(self.check, paths[0], evidence_text, reason, origin or self.usual, remedy)
 
     def unless(
@@ -244,7 +244,7 @@ class Fail:
             yield self(view, reason, one_of(words), *paths)
 
 
-def known(word: str | None) -> bool:
+def has_meaning(word: str | None) -> bool:
     """Tell whether a word has a meaning: it is neither missing nor unresolved nor `any`."""
     return word not in (None, UNRESOLVED, "any")
 

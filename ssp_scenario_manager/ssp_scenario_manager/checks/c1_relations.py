@@ -13,7 +13,7 @@ from ssp_scenario_manager.checks.base import (
     Failure,
     Predicate,
     View,
-    known,
+    has_meaning,
     one_of,
 )
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, IntentWord, Participant
@@ -187,7 +187,7 @@ def vut_drives_along_the_road(view: View) -> Iterator[Failure]:
                 "the VUT, and no other participant, starts at the VUT's own entry",
                 "vut_lane, at" if is_vut else "ahead, beside or behind",
                 f"{at}.place" if astray else f"{at}.along",
-                evidence=view.said(f"{at}.place", f"{at}.along", role),
+                evidence=view.evidence(f"{at}.place", f"{at}.along", role),
             )
         gap = view.span(f"{at}.gap")
         if gap and is_vut != (gap.low == gap.high == 0.0):
@@ -250,7 +250,7 @@ def first_seen_where_they_start(view: View) -> Iterator[Failure]:
         if start_position is None:
             reason, remedy = "no object can be there: the VUT is", "ahead or behind"
             yield _fail(view, reason, remedy, f"{at}.along", f"{at}.place")
-        elif known(cell.position) and cell.position != start_position:
+        elif has_meaning(cell.position) and cell.position != start_position:
             path, reason = f"motion.{who}.approach.position", "is seen elsewhere than it starts"
             yield _fail(view, reason, start_position, path, f"{at}.place", f"{at}.along")
         if who == view.initiator and view.kind and _is_in_its_lane(view.kind, participant):
@@ -390,7 +390,7 @@ def motion_fits_words(view: View) -> Iterator[Failure]:
             choices, word = getattr(meaning, name), getattr(cell, name)
             if name == "lateral" and turns and cell.motion == "oncoming":
                 continue
-            if choices and known(word):
+            if choices and has_meaning(word):
                 reason = f"{cell.motion} is another motion"
                 yield from _fail.unless(view, word, choices, reason, f"{at}.{name}", f"{at}.motion")
         if cell.speed_trend != UNRESOLVED and meaning.standing != (cell.speed_trend == "standing"):
@@ -429,7 +429,7 @@ def gap_fits_speeds(view: View) -> Iterator[Failure]:
         at = f"motion.{who}.{phase}"
         speeds = [f"constraints.speeds.{i}.{phase}" for i in (vut, who)]
         spans, words = view.spans(*speeds), (cell.longitudinal, cell.heading, cell.position)
-        if participant.role != "OT" or spans is None or not all(map(known, words)):
+        if participant.role != "OT" or spans is None or not all(map(has_meaning, words)):
             continue
         if cell.position in ("left", "right"):
             continue  # beside: there is no gap along the path
@@ -463,7 +463,7 @@ def who_stands_is_passed(view: View) -> Iterator[Failure]:
         reached = 0
         for phase, cell in cells.items():
             word = cell.position if cell else None
-            if not known(word) or not course:
+            if not has_meaning(word) or not course:
                 continue
             reason = "who stands stays on its side, and isn't overtaken backwards"
             path = f"motion.{who}.{phase}.position"
@@ -476,7 +476,7 @@ def nobody_turns_round(view: View) -> Iterator[Failure]:
     """Check that the heading stays the same from phase to phase, but for the kind's turn."""
     before: tuple[str, str, str] = ("", "", "")
     for who, _, phase, cell in view.cells():
-        if not known(cell.heading):
+        if not has_meaning(cell.heading):
             continue
         path = f"motion.{who}.{phase}.heading"
         turn = view.kind.turn if view.kind and who == view.initiator else None

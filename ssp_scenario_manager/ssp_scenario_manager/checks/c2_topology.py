@@ -12,7 +12,7 @@ from ssp_scenario_manager.checks.base import (
     Failure,
     Predicate,
     View,
-    known,
+    has_meaning,
     one_of,
 )
 from ssp_scenario_manager.checks.form import allowed
@@ -112,7 +112,7 @@ def what_varies_is_justified(view: View) -> Iterator[Failure]:
                 "may differ between domains, and no person has reviewed that (METHOD 4.2)",
                 "identity: true, or a decision by `ssp spec review FILE`",
                 path,
-                evidence=f"{view.said(path)}; uncertainty.{entry or path}.review = {state}",
+                evidence=f"{view.evidence(path)}; uncertainty.{entry or path}.review = {state}",
             )
 
 
@@ -174,7 +174,7 @@ def path_meets_the_corridor(view: View) -> Iterator[Failure]:
         "resolution": {"front"} | crossed,
     }
     for name, _, phase, cell in view.cells():
-        if name == who and phase in positions_by_phase and known(cell.position):
+        if name == who and phase in positions_by_phase and has_meaning(cell.position):
             yield from _fail.unless(
                 view,
                 cell.position,

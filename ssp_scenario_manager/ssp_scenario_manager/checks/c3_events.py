@@ -11,7 +11,7 @@ from ssp_core.motion.encounter import (
     OBSERVABLE_LATERAL_MPS,
 )
 from ssp_core.vocabulary import PHASES
-from ssp_scenario_manager.checks.base import Fail, Failure, Predicate, View, known
+from ssp_scenario_manager.checks.base import Fail, Failure, Predicate, View, has_meaning
 from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import Evidence
 
@@ -312,7 +312,7 @@ def speeds_follow_trends(view: View) -> Iterator[Failure]:
                 previous = None
                 continue
             trend, at = cell.speed_trend, f"motion.{who}.{phase}.speed_trend"
-            if (trend == "standing") != (span.low == span.high == 0.0) and known(trend):
+            if (trend == "standing") != (span.low == span.high == 0.0) and has_meaning(trend):
                 reason, remedy = "standing is a speed of 0", "0 m/s, or another trend"
                 yield _fail(view, reason, remedy, path, at)
             elif trend == "constant" and span.low <= 0.0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ssp_core.vocabulary import PHASES, PhaseWord
-from ssp_scenario_manager.checks.base import Fail, Failure, Predicate, View, known
+from ssp_scenario_manager.checks.base import Fail, Failure, Predicate, View, has_meaning
 from ssp_scenario_manager.scenarios.further import further_ids
 
 _fail = Fail("C4")
@@ -36,7 +36,7 @@ def further_keep_to_the_road(view: View) -> Iterator[Failure]:
             cell, at = view.cell(who, phase), f"motion.{who}.{phase}"
             if cell is None:
                 continue
-            if known(cell.motion):
+            if has_meaning(cell.motion):
                 reason = "it would come into the VUT's way, which makes it an initiator"
                 yield from _fail.unless(
                     view, cell.motion, _MOTIONS, reason, f"{at}.motion", "interaction.initiator"

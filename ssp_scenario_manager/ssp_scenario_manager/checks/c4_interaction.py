@@ -9,7 +9,7 @@ from ssp_scenario_manager.checks.base import (
     Failure,
     Predicate,
     View,
-    known,
+    has_meaning,
     one_of,
 )
 from ssp_scenario_manager.scenarios.kinds import KINDS
@@ -57,7 +57,7 @@ def intent_fits_the_kind_and_the_motion(view: View) -> Iterator[Failure]:
     """Require the VUT's intent to be that of the kind, and no cell or response to deny it."""
     vut, interaction = view.event.vut_id, view.event.interaction
     path, intent = f"participants.{vut}.intent", view.event.participants[vut].intent
-    if not known(intent):
+    if not has_meaning(intent):
         return
     if view.kind:
         reason = f"in {view.kind.name} the VUT goes on as it came"
@@ -171,7 +171,7 @@ def vut_does_what_is_admissible(view: View) -> Iterator[Failure]:
         along = "interaction.longitudinal_responses"
         yield _fail(view, reason, remedy, f"{at}.speed_trend", along)
     lateral = {"none": "straight"}.get(cell.lateral, cell.lateral)
-    if known(cell.lateral):
+    if has_meaning(cell.lateral):
         across = "interaction.lateral_responses"
         allowed = interaction.lateral_responses
         yield from _fail.unless(view, lateral, allowed, reason, f"{at}.lateral", across)

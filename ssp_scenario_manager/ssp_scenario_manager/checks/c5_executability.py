@@ -26,7 +26,7 @@ def units_are_right(view: View) -> Iterator[Failure]:
                 f"{interval.unit!r} is no unit of {rule.dimension}",
                 " or ".join(units_of(rule.dimension)),
                 f"{path}.unit",
-                evidence=view.said(path),
+                evidence=view.evidence(path),
                 origin=view.origin(path),
             )
 
@@ -44,7 +44,7 @@ def one_unit_each(view: View) -> Iterator[Failure]:
                     "one file writes one dimension in one unit",
                     f"the value in {usual}",
                     f"{path}.unit",
-                    evidence=f"{view.said(path)}; elsewhere {dimension} is in {usual}",
+                    evidence=f"{view.evidence(path)}; elsewhere {dimension} is in {usual}",
                 )
 
 
@@ -69,7 +69,7 @@ def intervals_are_shaped(view: View) -> Iterator[Failure]:
             if rule.shape == "exact" and None not in (low, high) and low != high:
                 wrong.append((".max", "must be one value", "min equal to max"))
         for part, reason, remedy in wrong:
-            evidence, origin = view.said(path), view.origin(path)
+            evidence, origin = view.evidence(path), view.origin(path)
             yield _fail(view, reason, remedy, path + part, evidence=evidence, origin=origin)
 
 
@@ -87,7 +87,7 @@ def inside_the_platform(view: View) -> Iterator[Failure]:
                     f"{value / factor:g} {interval.unit} is beyond what the platform can do",
                     f"{limit.low / factor:.4g}–{limit.high / factor:.4g} {interval.unit}",
                     f"{path}.{end}",
-                    evidence=view.said(path),
+                    evidence=view.evidence(path),
                     origin="platform limit",
                 )
 
@@ -156,7 +156,7 @@ def inside_the_safety_limits(view: View) -> Iterator[Failure]:
                 "is beyond the event's own safety limit",
                 f"at most {show(get(view.value, by))}",
                 f"{path}.max",
-                evidence=view.said(path, by),
+                evidence=view.evidence(path, by),
             )
 
 

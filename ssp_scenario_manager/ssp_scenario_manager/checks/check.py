@@ -36,7 +36,7 @@ def every_field_is_covered(view: View) -> Iterator[Failure]:
     nothing = "" if view.event.uncertainty else "part U is missing: "
     remedy = "one entry in part U for each field, by `ssp spec review FILE --who NAME --all`"
     for path in uncovered(view.event, view.value):
-        evidence = view.said(path) + "; no entry in uncertainty"
+        evidence = view.evidence(path) + "; no entry in uncertainty"
         reason = f"{nothing}the origin of this field isn't stated"
         yield _fail(view, reason, remedy, path, evidence=evidence)
 
@@ -73,7 +73,7 @@ def seals_hold(view: View) -> Iterator[Failure]:
                 f"the value that was reviewed, or {_REVIEW}",
             )
             evidence = (
-                f"{view.said(path)}; confidence = {entry.confidence:g}, provenance = "
+                f"{view.evidence(path)}; confidence = {entry.confidence:g}, provenance = "
                 f"{entry.provenance}, source = {entry.source}, review = {entry.review}"
             )
         else:
@@ -87,7 +87,9 @@ def critical_fields_are_decided(view: View) -> Iterator[Failure]:
     for path in view.critical:
         entry = owner(path, entries)
         if entry and entries[entry].review in ("unreviewed", "unresolved"):
-            evidence = f"{view.said(path)}; uncertainty.{entry}.review = {entries[entry].review}"
+            evidence = (
+                f"{view.evidence(path)}; uncertainty.{entry}.review = {entries[entry].review}"
+            )
             reason = "is safety-critical, and no person has decided it"
             yield _fail(view, reason, _REVIEW, path, evidence=evidence)
 

@@ -39,18 +39,18 @@ def vocabulary(path: str) -> tuple[str, ...]:
 
 def allowed(path: str) -> str:
     """Describe the values that a field may hold once it is known, in words for a remedy."""
-    return wanted(_annotation(split(path))).removesuffix(f" or {UNRESOLVED}")
+    return describe_type(_annotation(split(path))).removesuffix(f" or {UNRESOLVED}")
 
 
 def _failure(value: Mapping[str, Any], path: str, details: ErrorDetails) -> Failure:
     kind, annotation = details["type"], _annotation(split(path))
     check: Check = "form"
     raw_value = details.get("input")
-    evidence, remedy = f"{path} = {_excerpt(raw_value)}", wanted(annotation)
+    evidence, remedy = f"{path} = {_excerpt(raw_value)}", describe_type(annotation)
     words = _words(annotation)
     if kind == "extra_forbidden" or "[key]" in details["loc"]:
         evidence, reason = "is there", "no field is called that"
-        remedy = wanted(_annotation(split(path)[:-1]))
+        remedy = describe_type(_annotation(split(path)[:-1]))
     elif kind == "missing":
         evidence, reason = "not there", "is missing"
     elif raw_value == "any" and path.startswith("topology."):
@@ -117,7 +117,7 @@ def _words(annotation: Any) -> tuple[Any, ...]:
     return tuple(word for member in members for word in get_args(member))
 
 
-def wanted(annotation: Any) -> str:
+def describe_type(annotation: Any) -> str:
     """Describe the values that a type allows, in words for a remedy."""
     texts = [text for member in _members(annotation) if (text := _member_text(member))]
     return " or ".join(dict.fromkeys(texts)) or "nothing"
@@ -128,11 +128,11 @@ def _member_text(member: Any) -> str:
     if origin is Literal:
         return ", ".join(map(str, arguments))
     if origin is list:
-        return f"a list of {wanted(arguments[0])}"
+        return f"a list of {describe_type(arguments[0])}"
     if origin is tuple:
-        return f"a list of {len(arguments)}: {wanted(arguments[0])} each"
+        return f"a list of {len(arguments)}: {describe_type(arguments[0])} each"
     if origin is dict:
-        return f"a mapping of {wanted(arguments[0])} to {wanted(arguments[1])}"
+        return f"a mapping of {describe_type(arguments[0])} to {describe_type(arguments[1])}"
     if isinstance(member, type) and issubclass(member, BaseModel):
         return "{" + ", ".join(i.alias or k for k, i in member.model_fields.items()) + "}"
     return {NoneType: "null", str: "a name", int: "a whole number", float: "a number"}.get(

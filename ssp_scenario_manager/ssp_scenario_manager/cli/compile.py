@@ -14,7 +14,7 @@ from rich.progress import Progress
 
 from ssp_core import console
 from ssp_core.options import WholeNumber
-from ssp_scenario_manager.compile.choose import NotChosen
+from ssp_scenario_manager.compile.choose import NoBlockChosen
 from ssp_scenario_manager.compile.compiler import (
     CompiledEvent,
     EventRefused,
@@ -127,8 +127,8 @@ def compile_event(
             compiled = compile_task(
                 request, lambda block: tell(description=f"trying {block}"), loading
             )
-    except (NotChosen, EventRefused) as error:
-        _refused(error, as_json)
+    except (NoBlockChosen, EventRefused) as error:
+        _print_findings(error, as_json)
         raise
     folder = out or _default_folder(compiled)
     files = write_folder(compiled, folder, replace=force)
@@ -148,9 +148,9 @@ def _default_folder(compiled: CompiledEvent) -> Path:
     return Path("out") / "compiled" / f"{task.event.name}-{task.target}-{place}"
 
 
-def _refused(error: NotChosen | EventRefused, as_json: bool) -> None:
+def _print_findings(error: NoBlockChosen | EventRefused, as_json: bool) -> None:
     """Print what was found before the refusal; the message itself comes from the command line."""
-    if isinstance(error, NotChosen):
+    if isinstance(error, NoBlockChosen):
         if as_json:
             scores = [score.model_dump(mode="json") for score in error.scores]
             click.echo(json.dumps({"scores": scores, "tied": error.tied, "error": str(error)}))

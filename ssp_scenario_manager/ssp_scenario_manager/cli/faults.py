@@ -127,7 +127,7 @@ def faults(
         click.echo(json.dumps(facts))
     else:
         _tell(results, out)
-    if all(result.judged is None for result in results):
+    if all(result.judgement is None for result in results):
         console.note("none of these cells is applicable, so that nothing was tested")
         return 1
     return 0 if facts["as_expected"] else 1
@@ -183,17 +183,17 @@ def _run(
 def _note(result: CellResult) -> None:
     """Print one line per cell, and one per finding."""
     name = f"{result.scene.name} {result.row.name} {result.stage.title}"
-    if result.judged is None:
+    if result.judgement is None:
         console.note(f"{name}: not applicable")
         return
     word = "as expected" if result.ok else "NOT AS EXPECTED"
-    console.note(f"{name}: {word}: {', '.join(measured_parts(result.judged))}")
-    for finding in result.judged.findings:
+    console.note(f"{name}: {word}: {', '.join(measured_parts(result.judgement))}")
+    for finding in result.judgement.findings:
         console.note(f"  - {finding}")
 
 
 def _tell(results: Sequence[CellResult], out: Path) -> None:
-    counted = [result for result in results if result.judged is not None]
+    counted = [result for result in results if result.judgement is not None]
     bad = [result for result in counted if not result.ok]
     console.out.print(
         f"{len(counted) - len(bad)} of {len(counted)} cells as expected, "
@@ -201,7 +201,7 @@ def _tell(results: Sequence[CellResult], out: Path) -> None:
         markup=False,
     )
     for result in bad:
-        findings = result.judged.findings if result.judged else ()
+        findings = result.judgement.findings if result.judgement else ()
         console.out.print(
             f"  {result.scene.name} {result.row.name} {result.stage.title}: {findings[0]}",
             markup=False,

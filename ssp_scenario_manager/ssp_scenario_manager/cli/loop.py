@@ -35,7 +35,7 @@ from ssp_scenario_manager.closed_loop.campaigns.seal import check_sources
 from ssp_scenario_manager.closed_loop.outcomes.rates import Rates
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUNS_FILE, TABLE_FILE, rows_there
 from ssp_scenario_manager.closed_loop.single_run.single import named_driver
-from ssp_scenario_manager.closed_loop.single_run.top_view import told_with_view
+from ssp_scenario_manager.closed_loop.single_run.top_view import summary_with_view
 from ssp_scenario_manager.compile.task import run_folder
 from ssp_scenario_manager.run.ordered_map import ENGINES, Engine
 from ssp_scenario_manager.run.sweep import for_one_process, run_one
@@ -135,13 +135,13 @@ def loop(
     with taken_folder(out):
         with console.progress("runs", None, estimated=True) as bar:
             rates, refused = run_campaign(
-                plan, out, jobs, _counted(bar), console.note, engine, bags
+                plan, out, jobs, _progress_counter(bar), console.note, engine, bags
             )
         # Said first: recording can fail, as on a full disk.
         _say(rates, refused, out, as_json)
         recorded = list(bag_rows(plan, rows_there(out / RUNS_FILE), bags))
         with console.progress("bags", None, estimated=True) as bar:
-            wrong = write_bags(out, recorded, jobs, _counted(bar))
+            wrong = write_bags(out, recorded, jobs, _progress_counter(bar))
     for text in wrong:
         console.report_error(text)
     return 1 if refused or wrong else 0
@@ -170,7 +170,7 @@ def _say(rates: Sequence[Rates], refused: Sequence[str], out: Path, as_json: boo
         console.report_error(f"the campaign is refused: {text}")
 
 
-def _counted(bar: Progress) -> Callable[[int, int], None]:
+def _progress_counter(bar: Progress) -> Callable[[int, int], None]:
     """Return what shows the runs that are done; those of an earlier call took no time of this."""
     begun = False
 
@@ -200,14 +200,14 @@ def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
                 folder,
                 as_json,
                 recorded=True,
-                further=partial(told_with_view, folder, again.kept, again.before),
-                answers=repeated(again.kept),
+                further=partial(summary_with_view, folder, again.model_answers, again.before),
+                answers=repeated(again.model_answers),
             )
     return 0 if result_fields["verdict"] == "valid" else 1
 
 
 def _line(one: Rates) -> str:
-    place = f"{one.event:18} {one.driver:18} L {one.latency.shown:<8} "
+    place = f"{one.event:18} {one.driver:18} L {one.latency.cell_text:<8} "
     if one.headline is None or one.low is None or one.high is None:
         return place + f"no rate: SSP failed in {one.planned - one.driven} of {one.planned}"
     return place + f"{one.headline:.2f} [{one.low:.2f}, {one.high:.2f}] of {one.driven}"

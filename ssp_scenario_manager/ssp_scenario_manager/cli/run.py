@@ -31,12 +31,12 @@ from ssp_scenario_manager.cli.driving import (
 )
 from ssp_scenario_manager.closed_loop.answers import ANSWERS_FILE, repeated
 from ssp_scenario_manager.closed_loop.single_run.before import before_of_folder
-from ssp_scenario_manager.closed_loop.single_run.sessions import told_of_session
+from ssp_scenario_manager.closed_loop.single_run.sessions import session_summary
 from ssp_scenario_manager.closed_loop.single_run.single import (
     driven_run,
-    kept_answers,
+    load_repeated_answers,
 )
-from ssp_scenario_manager.closed_loop.single_run.top_view import told_with_view
+from ssp_scenario_manager.closed_loop.single_run.top_view import summary_with_view
 from ssp_scenario_manager.compile.changes import differences, with_value
 from ssp_scenario_manager.compile.targets.folder import (
     Mode,
@@ -301,7 +301,7 @@ def run(
         _tell(spec, draft, compiled)
         if swept:
             return run_many(spec, folder, vary, runs, jobs or 1, as_json)
-        answers = kept_answers(spec, drive, Path(what))
+        answers = load_repeated_answers(spec, drive, Path(what))
         repeats = spec.driven is not None and drive is None and faults_file is None
         before = before_of_folder(Path(what)) if repeats else None
         if repeats and before is None:
@@ -338,7 +338,7 @@ def run(
             as_json,
             recorded=record,
             server=drawn_by,
-            further=partial(told_with_view, folder, answers, before),
+            further=partial(summary_with_view, folder, answers, before),
             answers=repeated(answers),
         )
         if junit is not None:
@@ -355,19 +355,19 @@ def run(
         video,
         shadows,
         servers,
-        partial(told_of_session, before, answers),
+        partial(session_summary, before, answers),
         None if answers is None else (Path(what) / ANSWERS_FILE).resolve(),
     )
     _say_session(spec, folder, result, as_json)
     if junit is not None:
-        write_junit(junit, "ssp run", [_case(spec, folder, result.told)])
+        write_junit(junit, "ssp run", [_case(spec, folder, result.result_fields)])
     return 0 if result.outcome.ok and not result.unwritten else 1
 
 
 def _say_session(spec: RunSpec, folder: Path, result: RunResult, as_json: bool) -> None:
     """Print how a session of several processes ended."""
     if as_json:
-        click.echo(json.dumps(result.told))
+        click.echo(json.dumps(result.result_fields))
     else:
         verdict = result.outcome.verdict.name.lower()
         console.out.print(
@@ -377,9 +377,9 @@ def _say_session(spec: RunSpec, folder: Path, result: RunResult, as_json: bool) 
         )
         for reason in result.outcome.reasons:
             console.out.print(f"  because {reason}", markup=False)
-        warn_of_late_conflict(result.told)
-        if "driven" in result.told:
-            say_driven(result.told["driven"])
+        warn_of_late_conflict(result.result_fields)
+        if "driven" in result.result_fields:
+            say_driven(result.result_fields["driven"])
     for line in result.unwritten:
         console.report_error(line)
 

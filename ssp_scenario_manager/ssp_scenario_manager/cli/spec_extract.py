@@ -26,7 +26,7 @@ from ssp_scenario_manager.event_spec.model import SCHEMA
 from ssp_scenario_manager.extract.candidate import Origin
 from ssp_scenario_manager.extract.clip import WIDE_SPACING_S, Crop
 from ssp_scenario_manager.extract.extraction import ExtractedEvent, Order, extract
-from ssp_scenario_manager.review.decisions import shown
+from ssp_scenario_manager.review.decisions import value_text
 from ssp_scenario_manager.review.dialogue import Stdio, Terminal
 from ssp_scenario_manager.review.session import (
     End,
@@ -232,13 +232,13 @@ def _lines(items: list[UndecidedField]) -> list[str]:
     """Return one line per field: path, value, confidence, where from, evidence frames."""
     widths = [
         max((len(item.field) for item in items), default=0),
-        min(24, max((len(shown(item.value)) for item in items), default=0)),
+        min(24, max((len(value_text(item.value)) for item in items), default=0)),
     ]
     lines = []
     for item in items:
         frames = ", ".join(map(str, item.frames))
         confidence = "–" if item.confidence is None else f"{item.confidence:.2f}"
-        line = f"  {item.field:<{widths[0]}}  {shown(item.value):<{widths[1]}}  {confidence}  "
+        line = f"  {item.field:<{widths[0]}}  {value_text(item.value):<{widths[1]}}  {confidence}  "
         lines.append(line + item.provenance + (f", frames {frames}" if frames else ""))
     return lines
 
@@ -323,7 +323,7 @@ def _finish(reviewed: EventUnderReview, end: End) -> int:
     if left:
         out.print(f"\n{reviewed.path}: {len(left)} fields are left to decide:", markup=False)
         for item in left:
-            out.print(f"  {item.field}: {shown(item.value)} ({item.why})", markup=False)
+            out.print(f"  {item.field}: {value_text(item.value)} ({item.why})", markup=False)
         return 1
     failures = check_event(reviewed.event)
     if failures:

@@ -82,11 +82,11 @@ def answers_of(driven: Driven, record: Record) -> tuple[RecordedAnswer, ...]:
     drives = [report.drive for report in record.reports if report.drive is not None]
     return tuple(
         RecordedAnswer(
-            drive.asked.sha256,
-            drive.given if driven.latency.measured else replace(drive.given, latency=_NO_TIME),
+            drive.question.sha256,
+            drive.answer if driven.latency.measured else replace(drive.answer, latency=_NO_TIME),
         )
         for drive in drives
-        if drive.asked is not None and drive.given is not None
+        if drive.question is not None and drive.answer is not None
     )
 
 

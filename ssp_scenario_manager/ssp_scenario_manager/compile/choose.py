@@ -27,7 +27,7 @@ _MOST_TRIED = 3
 _MOST_LANES = 4
 
 
-class NotChosen(InputError):
+class NoBlockChosen(InputError):
     """No block was chosen: none fits, or several fit equally well.
 
     Args:
@@ -72,7 +72,7 @@ def choose_block(
     *,
     choice: str | None = None,
     who: str | None = None,
-    said: Callable[[str], None] = lambda _block: None,
+    on_block: Callable[[str], None] = lambda _block: None,
     would_do: Callable[[Block], str | None] = lambda _block: None,
     other_lanes: Callable[[Sequence[Block]], str | None] = lambda _blocks: None,
 ) -> Winner:
@@ -87,13 +87,13 @@ def choose_block(
         place: realises the event on a block; raises CannotPlace with the reason.
         choice: id of the block that a person chose among ties.
         who: the person who chose.
-        said: called with each block that is tried.
+        on_block: called with each block that is tried.
         would_do: of the best block, where none fits: what of K* alone keeps the event from it.
         other_lanes: of blocks in order, where none may hold the event: how it is made for the
             number of lanes of one of them.
 
     Raises:
-        NotChosen: none fits; or several that score alike fit, and no choice among them was given.
+        NoBlockChosen: none fits; or several that score alike fit, and none of them was named.
     """
     scores_by_block = {score.block: score for score in scores}
     blocks = {block.block_id: block for block in library.blocks}
@@ -104,7 +104,7 @@ def choose_block(
         for block in ids:
             if len(fits) == enough:
                 break
-            said(block)
+            on_block(block)
             try:
                 fits.append(place(blocks[block]))
             except CannotPlace as error:
@@ -115,9 +115,11 @@ def choose_block(
 
     def refused(
         problem: str, remedy: str, tied: Sequence[str] = (), value: object = None
-    ) -> NotChosen:
+    ) -> NoBlockChosen:
         all_scores = list(scores_by_block.values())
-        return NotChosen(problem, all_scores, tied, file=library.source, value=value, remedy=remedy)
+        return NoBlockChosen(
+            problem, all_scores, tied, file=library.source, value=value, remedy=remedy
+        )
 
     if choice is not None and choice not in blocks:
         remedy = "name one of those that tie, with --choose"

@@ -152,13 +152,13 @@ class CompiledEvent:
     event_file: bytes
     area: OperatingArea
     site_file: bytes | None
-    chosen: Winner
+    winner: Winner
     log: tuple[Record, ...]
     shortlist: bytes | None = None
 
     @property
     def realisation(self) -> Realisation:
-        return self.chosen.realisation
+        return self.winner.realisation
 
 
 def compile_task(
@@ -175,7 +175,7 @@ def compile_task(
 
     Raises:
         EventRefused: the event doesn't pass its checks.
-        NotChosen: no block fits, or several do and none was chosen.
+        NoBlockChosen: no block fits, or several do and none was chosen.
         InputError: a file is not valid, or options don't fit each other.
     """
     check_options(request)
@@ -207,7 +207,7 @@ def compile_task(
         partial(realise, order),
         choice=request.choose,
         who=request.who,
-        said=on_block,
+        on_block=on_block,
         would_do=lambda block: fitting_trigger(
             event, lambda other: realise(replace(order, event=other), block)
         ),
@@ -243,7 +243,7 @@ def compile_task(
         event_file=event_path.read_bytes(),
         area=area,
         site_file=site_file,
-        chosen=winner,
+        winner=winner,
         log=tuple(log),
         shortlist=listed,
     )

@@ -116,7 +116,7 @@ def trigger_region(block: Block, plan: Plan) -> TriggerRegion:
 def tunings(event: Event, plan: Plan) -> list[Tuning]:
     """Return the values that were chosen within part C, with what it allows."""
     entries = []
-    for field, (value, unit, why) in sorted(plan.chosen.items()):
+    for field, (value, unit, why) in sorted(plan.choices.items()):
         quantity = quantity_at(event, field)
         span = quantity.si if isinstance(quantity, Interval) else Span()
         at_most = plan.at_most.get(field, math.inf)

@@ -211,7 +211,7 @@ def places(event: Event, block: Block) -> NeedFit:
             lacking.append(f"{name} needs a lane to the left of the VUT's")
         elif place == "right_lane" and not any(i > 0 for i in mine):
             lacking.append(f"{name} needs a lane to the right of the VUT's")
-        elif place in ("left_road", "right_road") and not _met_from(event, block, place):
+        elif place in ("left_road", "right_road") and not _has_conflict_from(event, block, place):
             lacking.append(f"{name} needs a road from the {place.partition('_')[0]}")
         elif place == "oncoming_lane" and not block.backward_lanes:
             lacking.append(f"{name} needs an oncoming lane")
@@ -220,7 +220,7 @@ def places(event: Event, block: Block) -> NeedFit:
     return NeedFit(1.0 - len(lacking) / len(event.participants), "; ".join(lacking))
 
 
-def _met_from(event: Event, block: Block, place: str) -> bool:
+def _has_conflict_from(event: Event, block: Block, place: str) -> bool:
     """Tell whether another route crosses or joins a route, as K* says, from the side of a place."""
     conflicts = () if block.passage is None else block.passage.conflicts
     kind = event.interaction.relation

@@ -44,8 +44,8 @@ def read_validation(folder: Path, event_version: str) -> SimulationOutcome:
         InputError: one of these doesn't hold.
     """
     bag = folder / "bag"
-    _check_told(folder / RESULT_FILE)
-    _check_told(bag / VERDICT_FILE)
+    _check_verdict(folder / RESULT_FILE)
+    _check_verdict(bag / VERDICT_FILE)
     damage = check_bag(bag).problems
     if damage:
         more = f" ({len(damage) - 1} more)" if len(damage) > 1 else ""
@@ -74,7 +74,7 @@ def read_validation(folder: Path, event_version: str) -> SimulationOutcome:
     )
 
 
-def _check_told(file: Path) -> None:
+def _check_verdict(file: Path) -> None:
     """Refuse a folder in which the runner's verdict isn't that of a valid run without reasons."""
     run_result = read_mapping(file)
     if run_result.get("verdict") != _VALID or run_result.get("reasons") != []:

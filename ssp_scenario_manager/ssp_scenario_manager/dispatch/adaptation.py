@@ -25,8 +25,8 @@ from ssp_scenario_manager.dispatch.planned_motion import (
     follow_vut,
     planned_motion_of,
     play,
+    required_rate,
     toward,
-    wanted_rate,
 )
 
 _SAME_SPEED_MPS = 0.01
@@ -83,7 +83,7 @@ class PlayedPace:
         self.lead_ns = seconds_to_ns(lead_time_s)
         self.refused = 0
 
-    def answered(self, pace: Pace, *, accepted: bool) -> None:
+    def on_answer(self, pace: Pace, *, accepted: bool) -> None:
         """Take an object's answer into account.
 
         After a refusal the object drives on what it took last; the next reference is given twice
@@ -118,18 +118,18 @@ class PassingOrder:
         self._conflict_m = conflict_m
         self._object_first = object_first
         self._wrong_ns: int | None = None  # since when it has looked wrong
-        self._settled = False  # somebody has arrived, and in the right order
+        self._is_decided = False  # somebody has arrived, and in the right order
 
     def mistake(self, track: VutTrack, pace: Pace) -> str:
         """Name the participant that is sure to arrive first wrongly, beyond noise; empty: none."""
-        if self._settled:
+        if self._is_decided:
             return ""
-        object_ns = pace.reached_ns(self._arrival_s)
+        object_ns = pace.arrival_ns(self._arrival_s)
         vut_ns = arrival_ns(track, self._conflict_m)
         object_first = self._object_first
         if object_ns < vut_ns if object_first else vut_ns < object_ns:
             self._wrong_ns = None
-            self._settled = object_ns <= track.stamp_ns or track.front_m >= self._conflict_m
+            self._is_decided = object_ns <= track.stamp_ns or track.front_m >= self._conflict_m
             return ""
         if self._wrong_ns is None:
             self._wrong_ns = track.stamp_ns
@@ -176,7 +176,7 @@ class PaceLimits:
         if fits(rate):
             return rate
         # As it goes on now it fits, and so does whatever is near enough to that.
-        good, bad = pace.wanted, rate
+        good, bad = pace.target, rate
         for _ in range(_BISECTIONS):
             middle = 0.5 * (good + bad)
             if fits(middle):
@@ -283,14 +283,14 @@ class AdaptedManoeuvre:
             return Decision()
         return self._aim(track, vut.size, now_ns)
 
-    def answered(self, pace: Pace, *, accepted: bool) -> None:
-        """Take an object's answer to the reference of a pace; see ``PlayedPace.answered``."""
-        self.played.answered(pace, accepted=accepted)
+    def on_answer(self, pace: Pace, *, accepted: bool) -> None:
+        """Take an object's answer to the reference of a pace; see ``PlayedPace.on_answer``."""
+        self.played.on_answer(pace, accepted=accepted)
 
     def _why_over(self, track: VutTrack, now_ns: int) -> str:
         """Give the reason why the adaptation is over, empty while it isn't."""
         wish, braking = self._wish, -track.acceleration_mps2
-        decisive_ns = self.played.pace.reached_ns(self._decisive_s)
+        decisive_ns = self.played.pace.arrival_ns(self._decisive_s)
         if decisive_ns <= now_ns + seconds_to_ns(wish.freeze_s):
             return "the conflict is at hand"
         begun = self.played.pace.at(now_ns)[0] > 0.0
@@ -320,7 +320,7 @@ class AdaptedManoeuvre:
     def _aim(self, track: VutTrack, size: Size, now_ns: int) -> Decision:
         """Find the pace with which the decisive instant comes when it must, if there is one."""
         wish, own_s, due_ns = self._wish, self._decisive_s, self._due_ns(track, size)
-        off_s = (self.played.pace.reached_ns(own_s) - due_ns) / NS_PER_S
+        off_s = (self.played.pace.arrival_ns(own_s) - due_ns) / NS_PER_S
         if abs(off_s) <= wish.dead_band_s:
             self._unmet = False
             return Decision()
@@ -331,16 +331,16 @@ class AdaptedManoeuvre:
         slowest, fastest = wish.speed_share
         rate = slowest
         if math.isfinite(due_ns):
-            rate = wanted_rate(self.played.pace, start_ns, own_s, (due_ns - start_ns) / NS_PER_S)
+            rate = required_rate(self.played.pace, start_ns, own_s, (due_ns - start_ns) / NS_PER_S)
         rate = self._limits.nearest_rate(
             self.played.pace, start_ns, min(max(rate, slowest), fastest)
         )
-        if abs(rate - self.played.pace.wanted) < _SAME_RATE:
-            return Decision(note=self._told(off_s))
+        if abs(rate - self.played.pace.target) < _SAME_RATE:
+            return Decision(note=self._gap_note(off_s))
         pace = self.played.pace = toward(self.played.pace, start_ns, rate, own_s)
-        return Decision(pace, self._told((pace.reached_ns(own_s) - due_ns) / NS_PER_S))
+        return Decision(pace, self._gap_note((pace.arrival_ns(own_s) - due_ns) / NS_PER_S))
 
-    def _told(self, off_s: float) -> str:
+    def _gap_note(self, off_s: float) -> str:
         """Tell once of a gap that can't be met, and once of one that can again."""
         unmet = abs(off_s) > UNMET_S
         if unmet == self._unmet:
@@ -398,7 +398,7 @@ class Adaptations:
     def answer(self, reference_id: str, *, accepted: bool, message: str) -> None:
         """Take an object's answer to an adapted reference, if it doesn't end the run."""
         adapted, pace = self._sent.pop(reference_id)
-        adapted.answered(pace, accepted=accepted)
+        adapted.on_answer(pace, accepted=accepted)
         if not adapted.over and adapted.played.refused >= MOST_REFUSED:
             adapted.over = f"{reference_id} was refused: {message}"
             self._notes.append(f"adaptation ends: {adapted.over}")

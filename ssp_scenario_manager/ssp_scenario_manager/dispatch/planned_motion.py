@@ -300,40 +300,40 @@ class _Leg:
     own_s: float
     rate: float
     change_1ps: float
-    wanted: float
+    target: float
     omega_1ps: float = OMEGA_1PS
 
     def at(self, t_s: float) -> tuple[float, float, float]:
         """Return own time, pace and change of pace, t_s after the leg's beginning."""
         w = self.omega_1ps
-        off = self.rate - self.wanted
+        off = self.rate - self.target
         slope = self.change_1ps + w * off
         fade = math.exp(-w * t_s)
         gone = off * (1.0 - fade) / w + slope * (1.0 - (1.0 + w * t_s) * fade) / (w * w)
         now = off + slope * t_s
         return (
-            self.own_s + self.wanted * t_s + gone,
-            self.wanted + now * fade,
+            self.own_s + self.target * t_s + gone,
+            self.target + now * fade,
             (slope - w * now) * fade,
         )
 
     def over(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Evaluate ``at`` for an array of times; shape (n,) each."""
         w = self.omega_1ps
-        off = self.rate - self.wanted
+        off = self.rate - self.target
         slope = self.change_1ps + w * off
         fade = np.exp(-w * t_s)
         gone = off * (1.0 - fade) / w + slope * (1.0 - (1.0 + w * t_s) * fade) / (w * w)
         now = off + slope * t_s
-        own = self.own_s + self.wanted * t_s + gone
-        return own, self.wanted + now * fade, (slope - w * now) * fade
+        own = self.own_s + self.target * t_s + gone
+        return own, self.target + now * fade, (slope - w * now) * fade
 
     def when(self, own_s: float) -> float:
         """Return the inverse of own time: s after the leg's beginning, for a later own time.
 
         The pace is positive, so that own time rises and Newton's steps converge.
         """
-        t = max(own_s - self.own_s, 0.0) / self.wanted
+        t = max(own_s - self.own_s, 0.0) / self.target
         for _ in range(_NEWTON_STEPS):
             reached, rate, _ = self.at(t)
             t = max(t + (own_s - reached) / max(rate, _SLOWEST), 0.0)
@@ -341,7 +341,7 @@ class _Leg:
 
     def when_each(self, own_s: FloatArray) -> FloatArray:
         """Evaluate ``when`` for an array of own times; shape (n,)."""
-        t = np.maximum(own_s - self.own_s, 0.0) / self.wanted
+        t = np.maximum(own_s - self.own_s, 0.0) / self.target
         for _ in range(_NEWTON_STEPS):
             reached, rate, _ = self.over(t)
             t = np.maximum(t + (own_s - reached) / np.maximum(rate, _SLOWEST), 0.0)
@@ -390,7 +390,7 @@ class Pace:
         later = t_s >= self.switch_s
         return np.where(later, later_rate, rate), np.where(later, later_change, change)
 
-    def reached_ns(self, own_s: float) -> int:
+    def arrival_ns(self, own_s: float) -> int:
         """Return the session time at which an own time that lies ahead is reached."""
         if self.home is not None and own_s > self.home.own_s:
             seconds = self.switch_s + self.home.when(own_s)
@@ -399,9 +399,9 @@ class Pace:
         return self.start_ns + round(seconds * NS_PER_S)
 
     @property
-    def wanted(self) -> float:
+    def target(self) -> float:
         """The pace that it goes to before it goes back to 1."""
-        return self.leg.wanted
+        return self.leg.target
 
 
 def as_planned(execute_at_ns: int) -> Pace:
@@ -421,7 +421,7 @@ def toward(before: Pace, start_ns: int, target_rate: float, until_s: float) -> P
     return Pace(start_ns, leg, switch_s, home)
 
 
-def wanted_rate(before: Pace, start_ns: int, own_s: float, in_s: float) -> float:
+def required_rate(before: Pace, start_ns: int, own_s: float, in_s: float) -> float:
     """Return the wanted pace that reaches an own time so long after start_ns; inf: none does.
 
     Own time is linear in the wanted pace: tau = r1 T + (r0 - r1) A + (r0' + w (r0 - r1)) B with

@@ -105,7 +105,7 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class SessionHeard:
+class SessionObservation:
     """Everything that was heard of a session.
 
     Args:
@@ -145,7 +145,7 @@ class SessionHeard:
     strangers: Mapping[str, tuple[int, str]] = field(default_factory=dict)
 
 
-def session_findings(spec: RunSpec, observations: SessionHeard) -> list[Finding]:
+def session_findings(spec: RunSpec, observations: SessionObservation) -> list[Finding]:
     """Return one finding per thing that is connected, and what keeps the session from arming."""
     ids = spec.object_ids
     session_topics = {names.CAMERA_IMAGE, names.CAMERA_INFO, *ids}
@@ -213,7 +213,7 @@ def _motion(object_id: str, watch: ConsistencyWatch, by_course: bool) -> Finding
         return ok(
             name, f"it stood: speed, direction and yaw are judged while it moves{known_later}"
         )
-    text = f"agrees with its places in {counts.judged} windows, {counts.moving} moving"
+    text = f"agrees with its places in {counts.total} windows, {counts.moving} moving"
     text += known_later
     if not counts.near_misses:
         return ok(name, text)
@@ -235,7 +235,7 @@ def _frames(spec: RunSpec, object_id: str, stream: Stream) -> Finding:
     return ok(name, text)
 
 
-def _camera(rate_hz: float, observations: SessionHeard) -> Finding:
+def _camera(rate_hz: float, observations: SessionObservation) -> Finding:
     image, info = observations.streams[names.CAMERA_IMAGE], observations.streams[names.CAMERA_INFO]
     if image.arrivals_ns and not info.arrivals_ns:
         text = f"frames, but no calibration on {names.absolute(names.CAMERA_INFO)}"
@@ -289,7 +289,7 @@ def _remedy(stream: Stream) -> str:
     return "look at the link's load and the driver's rate"
 
 
-def _recorder_finding(observations: SessionHeard) -> Finding:
+def _recorder_finding(observations: SessionObservation) -> Finding:
     if observations.recorder_ready is None:
         return fail("recorder", "silent", "start ssp_monitor's node")
     if not observations.recorder_ready:
@@ -301,7 +301,7 @@ def _recorder_finding(observations: SessionHeard) -> Finding:
     return ok("recorder", "ready")
 
 
-def _manager_finding(observations: SessionHeard) -> Finding:
+def _manager_finding(observations: SessionObservation) -> Finding:
     name, managers = "scenario_manager", ", ".join(sorted(observations.managers))
     if not observations.managers:
         silent = "no heartbeat, so that links and clocks can't be measured"
@@ -312,7 +312,7 @@ def _manager_finding(observations: SessionHeard) -> Finding:
     return ok(name, f"heartbeats of {managers}")
 
 
-def _publishers_finding(observations: SessionHeard) -> Finding:
+def _publishers_finding(observations: SessionObservation) -> Finding:
     """Tell whether each topic has the publishers that it should have."""
     if observations.strangers:
         remedy = "end what doesn't belong to this session, or separate it by ROS_DOMAIN_ID"
@@ -322,7 +322,7 @@ def _publishers_finding(observations: SessionHeard) -> Finding:
     return ok("publishers", "no stranger publishes a topic of this session")
 
 
-def _rules_finding(object_id: str, observations: SessionHeard) -> Finding:
+def _rules_finding(object_id: str, observations: SessionObservation) -> Finding:
     """Tell whether an object judges by the limits of this run's file."""
     name, rules = f"rules of {object_id}", observations.rules.get(object_id, untold(object_id))
     if not rules.digest:
@@ -333,7 +333,7 @@ def _rules_finding(object_id: str, observations: SessionHeard) -> Finding:
     return ok(name, "; ".join(("as in this run", *(f"its own {one}" for one in rules.stricter))))
 
 
-def _link_finding(spec: RunSpec, object_id: str, observations: SessionHeard) -> Finding:
+def _link_finding(spec: RunSpec, object_id: str, observations: SessionObservation) -> Finding:
     name, limits = f"link to {object_id}", spec.limits
     link = observations.links.get(object_id, LinkEstimate())
     if not math.isfinite(link.delay_s):
@@ -348,7 +348,7 @@ def _link_finding(spec: RunSpec, object_id: str, observations: SessionHeard) -> 
     return ok(name, text)
 
 
-def _arming_finding(spec: RunSpec, observations: SessionHeard) -> Finding:
+def _arming_finding(spec: RunSpec, observations: SessionObservation) -> Finding:
     """Report the manager's answer to ``arm`` now, by the same rules; an armed one is not asked."""
     if observations.session in _ARMED:
         text = (

@@ -166,7 +166,7 @@ def _block(at: tuple[str, ...], value: Any, marks: Mapping[str, str]) -> Iterato
         yield line
         return
     yield f"{pad}{_key(key)}:"
-    yield from _wrapped([f"{_key(k)}: {flow(v)}" for k, v in _spoken(value)], pad + "  ")
+    yield from _wrapped([f"{_key(k)}: {flow(v)}" for k, v in _stated_items(value)], pad + "  ")
 
 
 def _wrapped(items: list[str], pad: str) -> Iterator[str]:
@@ -187,7 +187,7 @@ def _is_inline(value: dict[str, Any]) -> bool:
     return keys in _INLINE or "heading" in keys or "confidence" in keys
 
 
-def _spoken(value: dict[str, Any]) -> list[tuple[str, Any]]:
+def _stated_items(value: dict[str, Any]) -> list[tuple[str, Any]]:
     spoken = [(k, v) for k, v in value.items() if v is not None or k not in _SILENT_NULLS]
     if "identity" not in value:
         return spoken
@@ -198,7 +198,7 @@ def _spoken(value: dict[str, Any]) -> list[tuple[str, Any]]:
 def flow(value: Any) -> str:
     """Return a value as it stands in one line of the file."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_key(k)}: {flow(v)}" for k, v in _spoken(value)) + "}"
+        return "{" + ", ".join(f"{_key(k)}: {flow(v)}" for k, v in _stated_items(value)) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(map(flow, value)) + "]"
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:

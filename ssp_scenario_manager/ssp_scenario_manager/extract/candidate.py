@@ -115,7 +115,7 @@ class _Draft:
         self._clip, self._model = clip, model
         self.doubts: dict[str, Doubt] = {}
 
-    def said(self, path: str, finding: Finding, value: Any = None) -> Any:
+    def model_value(self, path: str, finding: Finding, value: Any = None) -> Any:
         """Return a value of the model's, with the frames that it named."""
         numbers = ", ".join(str(self._clip.shots[i - 1].number) for i in finding.frames)
         self._doubt(path, finding.confidence, "model", f"{self._model}; frames {numbers}")
@@ -204,9 +204,9 @@ def _topology(draft: _Draft, interview: Interview) -> dict[str, Any]:
     answers = {**interview.road, "vut_lane": interview.vut["vut_lane"]}
     part: dict[str, Any] = {}
     for name, finding in answers.items():
-        value = draft.said(f"topology.{name}", finding)
+        value = draft.model_value(f"topology.{name}", finding)
         if name in IDENTITY_BY_DEFAULT:
-            part[name] = {"value": _counted(value), "identity": True}
+            part[name] = {"value": _count_or_word(value), "identity": True}
         else:
             part[name] = {"value": value, **road_words(name, value)}
     for name, varies in ROAD_RANGES.items():
@@ -214,7 +214,7 @@ def _topology(draft: _Draft, interview: Interview) -> dict[str, Any]:
     return part
 
 
-def _counted(value: Any) -> Any:
+def _count_or_word(value: Any) -> Any:
     """Return a word as it is, a count as its number, or `unresolved` for a range."""
     if not isinstance(value, Mapping):
         return value
@@ -227,13 +227,13 @@ def _participants(draft: _Draft, interview: Interview) -> dict[str, Any]:
     if own.value == UNRESOLVED:
         own_class = draft.standard(f"{at}.class", "car", confidence=0.0)
     else:
-        own_class = draft.said(f"{at}.class", own)
+        own_class = draft.model_value(f"{at}.class", own)
     region = {"place": "vut_lane", "along": "at", "gap": _exact(0.0, "m")}
     part = {
         VUT_ID: {
             "role": draft.derived(f"{at}.role", "VUT", "carries the camera"),
             "class": own_class,
-            "intent": draft.said(f"{at}.intent", interview.vut["intent"]),
+            "intent": draft.model_value(f"{at}.intent", interview.vut["intent"]),
             "region": draft.derived(f"{at}.region", region, "carries the camera"),
         }
     }
@@ -241,10 +241,10 @@ def _participants(draft: _Draft, interview: Interview) -> dict[str, Any]:
         at = f"participants.{target.id}"
         part[target.id] = {
             "role": draft.derived(f"{at}.role", "OT", "seen by the camera"),
-            "class": draft.said(f"{at}.class", target.listed, target.listed.value["class"]),
+            "class": draft.model_value(f"{at}.class", target.listed, target.listed.value["class"]),
             "region": {
-                "place": draft.said(f"{at}.region.place", target.place["place"]),
-                "along": draft.said(f"{at}.region.along", target.place["along"]),
+                "place": draft.model_value(f"{at}.region.place", target.place["place"]),
+                "along": draft.model_value(f"{at}.region.along", target.place["along"]),
                 "gap": draft.unknown(f"{at}.region.gap"),
             },
         }
@@ -258,34 +258,34 @@ def _motion(draft: _Draft, interview: Interview) -> dict[str, Any]:
         for phase, finding in cells.items():
             fixed = {"heading": "same", "longitudinal": "none"} if who == VUT_ID else {}
             path = f"motion.{who}.{phase}"
-            part[who][phase] = draft.said(path, finding, {**fixed, **finding.value})
+            part[who][phase] = draft.model_value(path, finding, {**fixed, **finding.value})
     return part
 
 
 def _interaction(draft: _Draft, interview: Interview, kind: Kind, origin: Origin) -> dict[str, Any]:
     answers, at = interview.interaction, "interaction"
-    initiator = draft.said(f"{at}.initiator", answers["initiator"])
+    initiator = draft.model_value(f"{at}.initiator", answers["initiator"])
     first = answers["first"]
     order = [VUT_ID, initiator] if first.value == VUT_ID else [initiator, VUT_ID]
     hides = answers["occluder"]
-    occluder = draft.said(f"{at}.occluder", hides)
+    occluder = draft.model_value(f"{at}.occluder", hides)
     part: dict[str, Any] = {
         "initiator": initiator,
         "affected": draft.derived(f"{at}.affected", VUT_ID, "an event is about the VUT"),
         "occluder": None if occluder == NONE else occluder,
         "relation": draft.derived(f"{at}.relation", kind.relation, f"type {kind.name}"),
         "zone": draft.derived(f"{at}.zone", kind.zone, f"type {kind.name}"),
-        "passing_order": draft.said(f"{at}.passing_order", first, order),
+        "passing_order": draft.model_value(f"{at}.passing_order", first, order),
     }
     if origin.kind is None:
-        part["type"] = draft.said(f"{at}.type", answers["type"])
+        part["type"] = draft.model_value(f"{at}.type", answers["type"])
     else:
         part["type"] = kind.name
         draft.doubts[f"{at}.type"] = Doubt(
             confidence=1.0, provenance="person", source="option --type", review="unreviewed"
         )
     for key in ("dominant_motion", "longitudinal_responses", "lateral_responses"):
-        part[key] = draft.said(f"{at}.{key}", answers[key])
+        part[key] = draft.model_value(f"{at}.{key}", answers[key])
     return part
 
 
@@ -303,7 +303,7 @@ def _events(draft: _Draft, interview: Interview, clip: Clip) -> dict[str, Any]:
         first, finding = firsts[phase], interview.phases.get(phase)
         start: Any = _exact(0.0, "s")
         if finding is not None:
-            start = draft.said(f"events.{phase}.start", finding, _between(clip, first))
+            start = draft.model_value(f"events.{phase}.start", finding, _between(clip, first))
         if first is None:
             # Nobody knows when it starts; what the model looked at is all the evidence there is.
             looked = finding.frames if finding is not None else (1,)

@@ -41,7 +41,7 @@ from ssp_scenario_manager.faults.judge import (
 from ssp_scenario_manager.faults.kept import CELL_FILE, load_cell
 from ssp_scenario_manager.faults.matrix import Cell, ExpectedOutcome, NotApplicable, Row, Stage
 from ssp_scenario_manager.run.faults import NEED_PROCESSES
-from ssp_scenario_manager.run.in_process import Record, judged
+from ssp_scenario_manager.run.in_process import Record, judge_session
 from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.run.result import RunEvents
 from ssp_scenario_manager.run.sweep import for_one_process
@@ -68,7 +68,7 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
         session.run()
     finally:
         plant.close()
-    outcome, happened = judged(spec, session, Record(reports))
+    outcome, happened = judge_session(spec, session, Record(reports))
     verdict = outcome.verdict
     if verdict is Verdict.NONE:
         verdict = Verdict.INVALID_HARNESS  # as the runner says of a session that never started
@@ -188,13 +188,13 @@ class CellResult:
     stage: Stage
     cell: Cell
     fault: Fault | None = None
-    judged: CellJudgement | None = None
+    judgement: CellJudgement | None = None
     folder: Path | None = None
     wall_s: float = 0.0
 
     @property
     def ok(self) -> bool:
-        return self.judged is None or self.judged.ok
+        return self.judgement is None or self.judgement.ok
 
 
 def prepare_scene(

@@ -100,7 +100,7 @@ class Stop:
     standstill_s: float | None
 
     @property
-    def kept(self) -> bool:
+    def is_within_bound(self) -> bool:
         return self.standstill_s is not None and self.distance_m <= self.bound_m
 
 
@@ -157,7 +157,7 @@ class FaultNote:
 
 
 @dataclass(frozen=True, slots=True)
-class HeardEvent:
+class RunnerEvent:
     """An event that the runner heard, with the wall's clock: a session state or a safety event."""
 
     kind: str
@@ -184,7 +184,7 @@ class Evidence:
         last_heartbeat_s: of the manager; None without one.
         last_state_s: of each target, as published.
         lost: messages that the recorder says are lost.
-        heard: by the runner.
+        runner_events: heard by the runner.
         problems: what is wrong with what the run left.
         wall_s: how long the run took on the wall's clock.
         has_wall: False: the run took no time on the wall's clock that would mean anything.
@@ -203,12 +203,12 @@ class Evidence:
     last_heartbeat_s: float | None = None
     last_state_s: dict[str, float] | None = None
     lost: int = 0
-    heard: tuple[HeardEvent, ...] = ()
+    runner_events: tuple[RunnerEvent, ...] = ()
     problems: tuple[str, ...] = ()
     wall_s: float = 0.0
     has_wall: bool = True
 
-    def reached(self, state: SessionPhase) -> float | None:
+    def time_of_phase(self, state: SessionPhase) -> float | None:
         """Return the time at which the session came to a state first; None when it didn't."""
         return next((t for t, s in self.session if s is state), None)
 
@@ -234,8 +234,8 @@ def read_evidence(folder: Path) -> Evidence:
         verdict=result.verdict,
         reasons=tuple(result.reasons),
         truth={},
-        heard=tuple(
-            HeardEvent(h.kind, h.name, h.detail, h.session_s, h.wall_s) for h in notes.heard
+        runner_events=tuple(
+            RunnerEvent(h.kind, h.name, h.detail, h.session_s, h.wall_s) for h in notes.heard
         ),
         wall_s=result.wall_s,
     )

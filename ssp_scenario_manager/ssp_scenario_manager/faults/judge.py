@@ -39,7 +39,7 @@ class Reaction:
     sign: str
 
     @property
-    def kept(self) -> bool:
+    def is_within_bound(self) -> bool:
         return self.seconds is not None and self.seconds <= self.bound_s + _ROUNDING_S
 
 
@@ -90,17 +90,17 @@ def judge(
     fault = evidence.spec.faults[index]
     instant = _Instant.of(expected, evidence, fault, index)
     reaction = _reaction(expected, evidence, instant)
-    if reaction is not None and not reaction.kept:
+    if reaction is not None and not reaction.is_within_bound:
         took = "never" if reaction.seconds is None else f"after {reaction.seconds:.3f} s"
         findings.append(f"reaction {took}, bound {reaction.bound_s:.3f} s ({reaction.clock})")
     stops = _stops(expected, evidence, instant)
     for object_id, stop in stops.items():
-        if not stop.kept:
+        if not stop.is_within_bound:
             findings.append(_text(object_id, stop))
     findings += _of_end(evidence)
     if evidence.lost and not expected.loses:
         findings.append(f"the recorder lost {evidence.lost} messages")
-    if not expected.starts and evidence.reached(SessionPhase.RUNNING) is not None:
+    if not expected.starts and evidence.time_of_phase(SessionPhase.RUNNING) is not None:
         findings.append("the session started")
     return CellJudgement(evidence.verdict, primary, reaction, stops, tuple(findings))
 
@@ -115,7 +115,7 @@ def missed_its_run(evidence: Evidence, index: int) -> str:
         Empty for a fault that fell into the run, and for one that nodes or the recipe inject.
     """
     fault = evidence.spec.faults[index]
-    ended_s = _reached_s(evidence, SessionPhase.STOPPING)
+    ended_s = _phase_time_s(evidence, SessionPhase.STOPPING)
     if fault.kind not in RUNNER_KINDS - {"trigger_never"} or ended_s is None:
         return ""
     begun = next((n.t_s for n in evidence.faults if n.index == index and n.active), None)
@@ -204,7 +204,7 @@ class _Instant:
         wall_s = begun.wall_s if begun is not None else None
         if wall_s is None:
             word = f"{index} {fault.kind}"
-            wall_s = next((h.wall_s for h in evidence.heard if h.name == word), None)
+            wall_s = next((h.wall_s for h in evidence.runner_events if h.name == word), None)
         t_s = begun.t_s if begun is not None else None
         if fault.kind == "kill":
             last = evidence.last_state_s or {}
@@ -213,7 +213,7 @@ class _Instant:
             elif fault.target == "object_target" and last:
                 t_s = min(last.values())
         elif fault.kind == "trigger_never":
-            t_s = evidence.reached(SessionPhase.RUNNING)
+            t_s = evidence.time_of_phase(SessionPhase.RUNNING)
         if expected.since == "motion" and t_s is not None:
             track = evidence.truth.get(fault.target)
             t_s = track.first_motion_s(t_s) if track is not None else None
@@ -222,12 +222,12 @@ class _Instant:
         return cls(t_s, wall_s)
 
 
-def _reached_s(evidence: Evidence, phase: SessionPhase) -> float | None:
+def _phase_time_s(evidence: Evidence, phase: SessionPhase) -> float | None:
     """Return when the session came to a phase, by the bag, or as the runner heard it."""
-    bag_time_s = evidence.reached(phase)
+    bag_time_s = evidence.time_of_phase(phase)
     if bag_time_s is not None:
         return bag_time_s
-    runner_events = evidence.heard
+    runner_events = evidence.runner_events
     return next(
         (h.t_s for h in runner_events if h.kind == "session" and h.name == phase.name), None
     )
@@ -263,7 +263,7 @@ def _reaction(expected: ExpectedOutcome, evidence: Evidence, instant: _Instant) 
         words = {s.name for s in _ENDING} if not expected.signs else set()
         answers = [
             (h.wall_s, f"session {h.name}" if h.kind == "session" else f"{h.name} by {h.detail}")
-            for h in evidence.heard
+            for h in evidence.runner_events
             if h.wall_s >= instant.wall_s - _OTHER_TOPIC_S
             and (h.name in words or (h.kind == "safety" and _counts(h.name, expected)))
         ]
@@ -271,7 +271,7 @@ def _reaction(expected: ExpectedOutcome, evidence: Evidence, instant: _Instant) 
     else:
         start = instant.t_s
         answers = _signs(evidence, start, expected.signs) if start is not None else []
-    if not answers and expected.may_end_first and _ended(evidence):
+    if not answers and expected.may_end_first and _is_complete(evidence):
         return None
     if not answers or start is None:
         return Reaction(None, bound_s, bound.clock, "")
@@ -279,9 +279,9 @@ def _reaction(expected: ExpectedOutcome, evidence: Evidence, instant: _Instant) 
     return Reaction(max(when - start, 0.0), bound_s, bound.clock, what)
 
 
-def _ended(evidence: Evidence) -> bool:
+def _is_complete(evidence: Evidence) -> bool:
     """Tell whether the run was complete, by any of its records."""
-    return _reached_s(evidence, SessionPhase.FINISHED) is not None
+    return _phase_time_s(evidence, SessionPhase.FINISHED) is not None
 
 
 def _counts(limit_name: str, expected: ExpectedOutcome) -> bool:
@@ -290,10 +290,10 @@ def _counts(limit_name: str, expected: ExpectedOutcome) -> bool:
 
 def _stops(expected: ExpectedOutcome, evidence: Evidence, instant: _Instant) -> dict[str, Stop]:
     run = evidence.spec
-    if not expected.stops or evidence.reached(SessionPhase.RUNNING) is None:
+    if not expected.stops or evidence.time_of_phase(SessionPhase.RUNNING) is None:
         return {}
     if expected.since == "abort":
-        start, blind_s = _reached_s(evidence, SessionPhase.ABORTING), 0.0
+        start, blind_s = _phase_time_s(evidence, SessionPhase.ABORTING), 0.0
     else:
         start, blind_s = instant.t_s, _blind_s(expected, run)
     if start is None:
@@ -352,7 +352,7 @@ def nominal_of(evidence: Evidence) -> Nominal:
         InputError: it wasn't valid, so that its times mean nothing.
     """
     conflict = evidence.phase_at(Phase.CONFLICT)
-    end = evidence.reached(SessionPhase.STOPPING)
+    end = evidence.time_of_phase(SessionPhase.STOPPING)
     if evidence.verdict != "valid" or not evidence.triggers or conflict is None or end is None:
         why = evidence.reasons[0] if evidence.reasons else "a phase is missing"
         raise InputError(

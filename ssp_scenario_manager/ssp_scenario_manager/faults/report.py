@@ -30,7 +30,7 @@ def as_json(results: Sequence[CellResult]) -> dict[str, Any]:
 
 
 def _cell_json(result: CellResult) -> dict[str, Any]:
-    cell, judgement, fault = result.cell, result.judged, result.fault
+    cell, judgement, fault = result.cell, result.judgement, result.fault
     facts: dict[str, Any] = {
         "scenario": result.scene.name,
         "mode": result.scene.mode,
@@ -148,7 +148,7 @@ def page(results: Sequence[CellResult], run: RunSpec) -> str:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
     )
-    counted = [result for result in results if result.judged is not None]
+    counted = [result for result in results if result.judgement is not None]
     well = sum(result.ok for result in counted)
     return templates.get_template("fault_matrix.html.j2").render(
         counts={
@@ -171,10 +171,10 @@ def junit_cases(results: Sequence[CellResult]) -> list[Case]:
             f"{result.row.name} {result.stage.title}",
             RunOutcome(Verdict.VALID, ())
             if result.ok
-            else RunOutcome(Verdict.FAILED_SAFETY, result.judged.findings),
+            else RunOutcome(Verdict.FAILED_SAFETY, result.judgement.findings),
             result.wall_s,
-            {"verdict": result.judged.verdict, "reason": result.judged.primary},
+            {"verdict": result.judgement.verdict, "reason": result.judgement.primary},
         )
         for result in results
-        if result.judged is not None
+        if result.judgement is not None
     ]

@@ -79,7 +79,7 @@ class _Effort:
     def __init__(self) -> None:
         self.full: dict[str, str] = {}
         self._steps: Counter[str] = Counter()
-        self._found: Counter[str] = Counter()
+        self._route_counts: Counter[str] = Counter()
 
     def step(self, junction: str) -> None:
         """Count a step from road to road."""
@@ -88,10 +88,10 @@ class _Effort:
             many = f"more than {_MOST_STEPS} ways over its roads would have to be looked at"
             self.full.setdefault(junction, many)
 
-    def found(self, junction: str) -> None:
+    def count(self, junction: str) -> None:
         """Count a route."""
-        self._found[junction] += 1
-        if self._found[junction] > MOST_ROUTES:
+        self._route_counts[junction] += 1
+        if self._route_counts[junction] > MOST_ROUTES:
             many = f"has more than {MOST_ROUTES} routes, which aren't looked at"
             self.full.setdefault(junction, many)
 
@@ -459,7 +459,7 @@ def routes_of(
             continue
         own = by_junction.setdefault(inner.junction or "", {})
         if route.block_id not in own:
-            effort.found(inner.junction or "")
+            effort.count(inner.junction or "")
         own[route.block_id] = route
     led: set[str] = set()
     for routes in by_junction.values():

@@ -173,7 +173,7 @@ class Unreadable(Exception):
     """A line that is no value for its field; the message says what would be."""
 
 
-def shown(value: Any) -> str:
+def value_text(value: Any) -> str:
     """Write a value as read_value takes it back: a cell as its words, a quantity as a range."""
     if isinstance(value, dict) and set(value) == ROAD_FIELD:
         return flow(value)

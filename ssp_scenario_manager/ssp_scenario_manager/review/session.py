@@ -33,7 +33,7 @@ from ssp_scenario_manager.review.decisions import (
     edit,
     leave_unresolved,
     read_value,
-    shown,
+    value_text,
 )
 from ssp_scenario_manager.review.dialogue import (
     QUIT,
@@ -292,7 +292,7 @@ class Session:
         say = self.terminal.say
         say(f"{len(changed)} fields were {why}; their source is {self.reviewed.who} now:")
         for item in changed:
-            say(f"  {item.field}: {shown(item.new)} (the template has {shown(item.old)})")
+            say(f"  {item.field}: {value_text(item.new)} (the template has {value_text(item.old)})")
         say("  (if somebody else wrote one, name them as its source in the file)")
 
     def accept_all(self, reason: str) -> int:
@@ -318,7 +318,7 @@ class Session:
         kind = "safety-critical, " if item.critical else ""
         say = self.terminal.say
         say(f"\n[{number}/{total}] {item.field} ({kind}{item.why})")
-        say(f"  value     {shown(item.value)}")
+        say(f"  value     {value_text(item.value)}")
         confidence = "" if item.confidence is None else f", confidence {item.confidence:.2f}"
         say(f"  known by  {item.provenance or 'no source'}{confidence}: {item.source or '–'}")
         if item.frames:
@@ -404,9 +404,9 @@ class Session:
             records.append(self.reviewed.record("edit", why, change.field, change.old, change.new))
         before = {failure.field for failure in self._contradictions()}
         self.reviewed.decide(after, records)
-        self.terminal.say(f"  is now {shown(new)}")
+        self.terminal.say(f"  is now {value_text(new)}")
         for change in changes:
-            self.terminal.say(f"  and with it {change.field}: {shown(change.new)}")
+            self.terminal.say(f"  and with it {change.field}: {value_text(change.new)}")
         failures = self._contradictions()
         for failure in failures:
             mark = "" if failure.field in before else "now: "

@@ -102,7 +102,7 @@ class PublisherWatch:
         """Look at all topics of the session, and at those that make the VUT's states."""
         self._follow_receiver()
         for topic in self._rules.expected:
-            publishers = self._publishers(topic) if self._is_asked(topic) else []
+            publishers = self._publishers(topic) if self._needs_names(topic) else []
             strangers = self._rules.strangers(topic, publishers)
             if strangers is not None and self._rules.expected[topic] is not ONE:
                 # Those of a part that has just come aren't known yet.
@@ -130,7 +130,7 @@ class PublisherWatch:
         self._of_drivers = topics
         self._rules.expect_one(topics)
 
-    def _is_asked(self, topic: str) -> bool:
+    def _needs_names(self, topic: str) -> bool:
         """Tell by the number of publishers whether to ask for their names, which is slow.
 
         ``Node.count_publishers`` resolves and checks each name anew: for the topics of 20 objects
@@ -263,9 +263,9 @@ class ObjectEndpoints:
         self._on_ack = on_ack
         self._on_rules = on_rules
         self._on_refusal = on_refusal
-        self._on_given_up = on_given_up
+        self._on_command_failure = on_given_up
         self._hears_arrays = False
-        self._heard: set[str] = set()
+        self._ids_with_state: set[str] = set()
         self._publishers: dict[str, Any] = {}
         self._clients: dict[str, Any] = {}
         self._commands = ObjectCommands()
@@ -286,8 +286,8 @@ class ObjectEndpoints:
             topic = names.OBJECT_STATES
             self._node.create_subscription(ObjectStates, topic, self._on_array, ros.STATE, raw=True)
         for object_id in object_ids:
-            if not states_in_one and object_id not in self._heard:
-                self._heard.add(object_id)
+            if not states_in_one and object_id not in self._ids_with_state:
+                self._ids_with_state.add(object_id)
                 topic = names.state_topic(object_id)
                 raw(ObjectState, topic, decode_state, self._on_state, ros.STATE)
             if object_id in self._publishers:
@@ -334,7 +334,7 @@ class ObjectEndpoints:
         """Send commands that wait for a service or an answer, and give up overdue ones."""
         steady_ns = time.monotonic_ns()
         for one in self._commands.overdue(steady_ns):
-            self._on_given_up(one.object_id, one.command, one.outcome)
+            self._on_command_failure(one.object_id, one.command, one.outcome)
         for one in self._commands.due(self._is_there, steady_ns):
             request = ObjectCommand.Request(
                 command=one.command.value,
@@ -351,7 +351,7 @@ class ObjectEndpoints:
         self._commands.forget_for_abort()
         self._is_arming = False
 
-    def take_all_told_to_arm(self) -> bool:
+    def take_arming_sent(self) -> bool:
         """Tell, once an arming, whether no object's command service is awaited any more for it."""
         is_complete = self._is_arming and self._commands.all_sent(outbox.ObjectCommand.ARM)
         self._is_arming = self._is_arming and not is_complete
@@ -423,7 +423,7 @@ class Publications:
         elif isinstance(fact, outbox.Note):
             self._log.info(fact.text)
         else:
-            self._safety.publish(encode_limit(fact.seen_by(self._name)))
+            self._safety.publish(encode_limit(fact.announcement(self._name)))
 
     def report_links(
         self, session: Session, liveness: LivenessMonitor, losses: LossCounters, now_ns: int

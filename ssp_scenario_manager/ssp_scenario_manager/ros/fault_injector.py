@@ -46,7 +46,7 @@ class FaultEndpoints:
         self._ticks: list[tuple[float, bytes]] = []
         self._references: dict[str, Reference] = {}
         self._count = 0
-        self.heard: list[dict[str, Any]] = []
+        self.runner_events: list[dict[str, Any]] = []
         self._node = node
         self._faults = node.create_publisher(FaultEvent, names.FAULT_EVENT, ros.LATCHED)
         self._abort = node.create_client(SessionCommand, "abort")
@@ -103,7 +103,7 @@ class FaultEndpoints:
         """Tell whether the session said that it is finished or aborted."""
         return self._session in (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
-    def heard_at(self) -> float | None:
+    def newest_truth_s(self) -> float | None:
         """Return the wall time of the newest truth, s; None before the first."""
         return self._ticks[-1][0] if self._ticks else None
 
@@ -180,7 +180,7 @@ class FaultEndpoints:
             self._hear("fault", message.fault, f"{message.target} {word}", message.header.stamp)
 
     def _hear(self, kind: str, name: str, detail: str, stamp: Any) -> None:
-        self.heard.append(
+        self.runner_events.append(
             {
                 "kind": kind,
                 "name": name,

@@ -51,7 +51,7 @@ from ssp_scenario_manager.ros.endpoints import (
 from ssp_scenario_manager.ros.parameters import SCENARIO_MANAGER
 from ssp_scenario_manager.ros.services import OwnSession, SessionServices
 from ssp_scenario_manager.session import limits, outbox
-from ssp_scenario_manager.session.inputs import HeardWorld, StateInput, StepInputs
+from ssp_scenario_manager.session.inputs import StateInput, StepInputs, WorldMode
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import REFUSED_SESSION, Answer, SessionEvent
 from ssp_scenario_manager.session.supervision import LivenessMonitor, Supervisor
@@ -76,7 +76,7 @@ class ScenarioManager(Node):
         self._liveness = LivenessMonitor()
         self._supervisor = Supervisor(self._session, self._liveness)
         self._inputs = StepInputs((names.OBJECT_TARGET,))
-        self._world = HeardWorld()
+        self._world = WorldMode()
         self._arrival_ns = 0
         self._start_world = False
         self._input = StateInput(
@@ -93,7 +93,7 @@ class ScenarioManager(Node):
             self._on_ack,
             self._liveness.rules.hear,
             self._on_object_refusal,
-            self._on_given_up,
+            self._on_command_failure,
         )
         self._publications = Publications(self)
         if parameters["run_file"]:
@@ -370,8 +370,8 @@ class ScenarioManager(Node):
 
     def _look_at_arming(self) -> None:
         """Count the time in which objects must be armed from when they could hear of it."""
-        if self._links.take_all_told_to_arm():
-            self._supervisor.objects_were_told_to_arm(time.monotonic_ns())
+        if self._links.take_arming_sent():
+            self._supervisor.on_arm_commands(time.monotonic_ns())
 
     def _flush(self) -> None:
         """Send what the session decided, in its order."""
@@ -423,7 +423,9 @@ class ScenarioManager(Node):
                 self._commands.give_up(reason)
             self._flush()
 
-    def _on_given_up(self, object_id: str, command: outbox.ObjectCommand, outcome: str) -> None:
+    def _on_command_failure(
+        self, object_id: str, command: outbox.ObjectCommand, outcome: str
+    ) -> None:
         reason = f"{object_id} {outcome}"
         self.get_logger().error(f"{command.name.lower()}: {reason}")
         if command is outbox.ObjectCommand.ARM:

@@ -100,14 +100,14 @@ class RunClient:
         self._token = run.session_token
         self._abort = self.node.create_client(SessionCommand, "abort")
         self._load = self.node.create_client(LoadScenario, names.LOAD_SCENARIO)
-        self._asked: _SentGoal | None = None
+        self._request: _SentGoal | None = None
         self.loaded: tuple[str, ...] | None = None
         # What the manager was asked to load, and when last.
-        self._load_asked: tuple[str, float] | None = None
+        self._load_request: tuple[str, float] | None = None
         # When the manager was asked to abort last; None: it wasn't, or it does.
-        self._abort_asked_at: float | None = None
-        self._own_heard = False
-        self._other_heard_at: float | None = None
+        self._abort_request_at: float | None = None
+        self._has_own_heartbeat = False
+        self._other_heartbeat_at: float | None = None
         self.silent_s = 0.0
         self.session = SessionEvents(self.node, run, say, self.hear_manager)
         sub = self.node.create_subscription
@@ -125,7 +125,7 @@ class RunClient:
 
         A manager of another session offers the same action and services.
         """
-        missing = [] if self._own_heard else [names.HEARTBEAT]
+        missing = [] if self._has_own_heartbeat else [names.HEARTBEAT]
         if not self._client.server_is_ready():
             missing.append(f"the action {names.RUN_SCENARIO}")
         services = (self._load, self._abort)
@@ -151,16 +151,16 @@ class RunClient:
 
         It is asked again while none comes. A session that has gone on from LOADED was loaded.
         """
-        self._load_asked = run_file, time.monotonic()
+        self._load_request = run_file, time.monotonic()
         request = LoadScenario.Request(run_file=run_file, session_token=self._token)
         future = self._load.call_async(request)
         future.add_done_callback(self._on_loaded)
 
     def _ask_to_load(self) -> None:
         """Ask for the load again where no answer came."""
-        if self._load_asked is None or self.loaded is not None:
+        if self._load_request is None or self.loaded is not None:
             return
-        run_file, asked_at = self._load_asked
+        run_file, asked_at = self._load_request
         if time.monotonic() - asked_at < ANSWER_S:
             return
         if self.session.state in _LOADABLE:
@@ -171,7 +171,7 @@ class RunClient:
     @property
     def under_way(self) -> bool:
         """Tell whether the session left the states before a run, not begun by this client."""
-        return self._asked is None and self.session.state in _UNDER_WAY
+        return self._request is None and self.session.state in _UNDER_WAY
 
     def begin(self, run_file: str, not_after_ns: int = 0) -> None:
         """Send the goal; the answer is awaited by spinning.
@@ -180,11 +180,11 @@ class RunClient:
             run_file: that the manager loads.
             not_after_ns: a person's word holds until then, on the system clock; 0: no word.
         """
-        self._asked, self.session.is_led_by_us = _SentGoal(not_after_ns), True
+        self._request, self.session.is_led_by_us = _SentGoal(not_after_ns), True
         goal = RunScenario.Goal(run_file=run_file, session_token=self._token)
         goal.not_after = ros.stamp_from_ns(not_after_ns)
         future = self._client.send_goal_async(goal, feedback_callback=self._on_feedback)
-        future.add_done_callback(partial(self._on_accepted, self._asked))
+        future.add_done_callback(partial(self._on_accepted, self._request))
 
     @property
     def not_in_time(self) -> tuple[str, ...] | None:
@@ -192,7 +192,7 @@ class RunClient:
 
         A result that DDS loses is not waited for: nothing starts after the word has run out.
         """
-        request = self._asked
+        request = self._request
         if request is None or not request.not_after_ns:
             return None
         if request.result is not None:
@@ -208,7 +208,7 @@ class RunClient:
 
     def ask_again(self) -> None:
         """Forget a goal whose word ran out; the run may still be begun from elsewhere."""
-        self._asked, self.session.is_led_by_us = None, False
+        self._request, self.session.is_led_by_us = None, False
 
     def other_managers(self) -> tuple[str, ...]:
         """Name nodes beside our manager that publish heartbeats, by the graph and by messages.
@@ -219,28 +219,28 @@ class RunClient:
             self.node.resolve_topic_name(names.HEARTBEAT)
         )
         managers = sorted(full_name(one) or NAMELESS for one in endpoints)
-        at_s = self._other_heard_at
+        at_s = self._other_heartbeat_at
         if len(managers) < 2 and at_s is not None and time.monotonic() - at_s < _HEARD_S:
             managers.append("the manager of another session")
         return tuple(managers) if len(managers) > 1 else ()
 
     def cancel(self) -> None:
         """Ask the manager to abort, and again while it doesn't."""
-        self._abort_asked_at = 0.0
-        if self._asked is not None and self._asked.goal is not None:
-            self._asked.goal.cancel_goal_async()
-            self._abort_asked_at = time.monotonic()
+        self._abort_request_at = 0.0
+        if self._request is not None and self._request.goal is not None:
+            self._request.goal.cancel_goal_async()
+            self._abort_request_at = time.monotonic()
         self._ask_to_abort()
 
     def _ask_to_abort(self) -> None:
         """Ask for the abort again, which may be lost with the goal, or before two ends meet."""
-        asked_at = self._abort_asked_at
+        asked_at = self._abort_request_at
         if asked_at is None or time.monotonic() - asked_at < ANSWER_S:
             return
         if self.session.state in _ABORTED:
-            self._abort_asked_at = None
+            self._abort_request_at = None
         elif self._abort.service_is_ready():
-            self._abort_asked_at = time.monotonic()
+            self._abort_request_at = time.monotonic()
             self._abort.call_async(SessionCommand.Request(requested_by=WHO))
 
     def spin(self, timeout_s: float) -> None:
@@ -261,10 +261,10 @@ class RunClient:
         """
         if self.not_in_time is not None:
             return None
-        end, result = self.session.end, None if self._asked is None else self._asked.result
+        end, result = self.session.end, None if self._request is None else self._request.result
         if result is None or (end is None and self.session.times.zero_ns is not None):
-            heard_at = self._ended_at()
-            grace_s = 0.0 if self._asked is None else RESULT_GRACE_S
+            heard_at = self._end_at()
+            grace_s = 0.0 if self._request is None else RESULT_GRACE_S
             if heard_at is None or time.monotonic() - heard_at < grace_s:
                 return None
         if result is None:
@@ -275,11 +275,11 @@ class RunClient:
             reasons = [result.result.error_msg]
         return RunOutcome(Verdict(result.result.verdict), tuple(reasons))
 
-    def _ended_at(self) -> float | None:
+    def _end_at(self) -> float | None:
         """Return when the end was heard first, by the result or by the session's last word."""
         end_times_s = [
             self.session.ended_at,
-            None if self._asked is None else self._asked.result_at,
+            None if self._request is None else self._request.result_at,
         ]
         return min((at for at in end_times_s if at is not None), default=None)
 
@@ -317,10 +317,10 @@ class RunClient:
     def _on_heartbeat(self, message: Heartbeat) -> None:
         # One of another session says nothing of our manager. A run by hand may name no session.
         if not self._token or message.session_token in ("", self._token):
-            self._own_heard = True
+            self._has_own_heartbeat = True
             self.hear_manager()
         else:
-            self._other_heard_at = time.monotonic()
+            self._other_heartbeat_at = time.monotonic()
 
 
 # What keeps an armed session from starting is there by now; no use asking for longer.
@@ -342,9 +342,9 @@ class StepwiseClient:
         self._session = SessionPhase.IDLE
         self._armed = ArmedObjects(node, run)
         self._waiting: Any = None
-        self._asked_at = 0.0
-        self._start_asked_at: float | None = None
-        self._disarm_asked_at = 0.0
+        self._request_at = 0.0
+        self._start_request_at: float | None = None
+        self._disarm_request_at = 0.0
         self._refusal: tuple[str, ...] = ()
         self._load = node.create_client(LoadScenario, names.LOAD_SCENARIO)
         self._commands = {
@@ -365,7 +365,7 @@ class StepwiseClient:
             not_after_ns: the word holds until then, on the system clock; 0: no word.
         """
         now_ns, self._word_holds = time.monotonic_ns(), bool(not_after_ns)
-        self._waiting, self._start_asked_at, self._refusal = None, None, ()
+        self._waiting, self._start_request_at, self._refusal = None, None, ()
         if not_after_ns:
             start_by_ns = now_ns + not_after_ns - time.time_ns()
             self._script = RunScript(self._run_file, now_ns, start_by_ns, self._run_file)
@@ -390,7 +390,7 @@ class StepwiseClient:
     @property
     def problems(self) -> tuple[str, ...]:
         """List the reasons why the run can't start; empty while it may, or when it has."""
-        request_time_s = self._start_asked_at
+        request_time_s = self._start_request_at
         late = request_time_s is not None and time.monotonic() - request_time_s > START_PATIENCE_S
         if late and not self._word_holds and self._session is SessionPhase.ARMED and self._refusal:
             return self._refusal
@@ -407,14 +407,14 @@ class StepwiseClient:
         Args:
             may_start: False: an armed session is left as it is.
         """
-        if self._waiting is not None and time.monotonic() - self._asked_at < ANSWER_S:
+        if self._waiting is not None and time.monotonic() - self._request_at < ANSWER_S:
             return
         wish = self._script.next(self._session, time.monotonic_ns())
         if wish is None or (wish is SessionEvent.START and not may_start):
             return
-        self._asked_at = time.monotonic()
+        self._request_at = time.monotonic()
         if wish is SessionEvent.START:
-            self._start_asked_at = self._start_asked_at or self._asked_at
+            self._start_request_at = self._start_request_at or self._request_at
         if wish is SessionEvent.LOAD:
             request: Any = LoadScenario.Request(
                 run_file=self._script.run_file, session_token=self._token
@@ -427,9 +427,9 @@ class StepwiseClient:
 
     def give_up(self) -> None:
         """Disarm what can't be started; asked again, where it doesn't."""
-        waited_s = time.monotonic() - self._disarm_asked_at
+        waited_s = time.monotonic() - self._disarm_request_at
         if self._session is SessionPhase.ARMED and waited_s >= ANSWER_S:
-            self._disarm_asked_at = time.monotonic()
+            self._disarm_request_at = time.monotonic()
             why = "the run can't start"
             request = SessionCommand.Request(
                 requested_by=WHO, reason=why, session_token=self._token

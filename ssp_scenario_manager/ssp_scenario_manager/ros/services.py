@@ -183,7 +183,7 @@ class SessionServices:
             return result
         script = self._script
         problems = script.problems if script else ()
-        if script is not None and script.begun:
+        if script is not None and script.has_begun:
             # Otherwise the session is somebody else's, and so is its verdict.
             result.verdict = int(self._session.verdict)
             result.reasons = list(self._session.reasons)

@@ -42,9 +42,11 @@ class ArmedObjects:
         self._armed = dict.fromkeys((t.id for t in run.targets), False)
         sub = node.create_subscription
         if run.states_in_one:
-            self._heard = [sub(ObjectStates, names.OBJECT_STATES, self._on_states, ros.STATE)]
+            self._subscriptions = [
+                sub(ObjectStates, names.OBJECT_STATES, self._on_states, ros.STATE)
+            ]
         else:
-            self._heard = [
+            self._subscriptions = [
                 sub(ObjectState, names.state_topic(target.id), self._on_state, ros.STATE)
                 for target in run.targets
             ]
@@ -54,7 +56,7 @@ class ArmedObjects:
         return all(self._armed.values())
 
     def close(self) -> None:
-        for subscription in self._heard:
+        for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 
     def _on_state(self, message: ObjectState) -> None:
@@ -150,7 +152,7 @@ class SessionEvents:
         self.times = RunTimes()
         # While the session is ARMED and not every object reports that it is.
         self._arming: ArmedObjects | None = None
-        self._said_at = time.monotonic()
+        self._last_note_at = time.monotonic()
         sub = node.create_subscription
         with_info: Any = self._on_session  # rclpy's MessageInfo too, which its stubs don't know
         sub(SessionState, names.SESSION_STATE, with_info, ros.LATCHED)
@@ -164,7 +166,7 @@ class SessionEvents:
         if state == self.state:
             return
         self.state = state
-        self._said_at = time.monotonic()
+        self._last_note_at = time.monotonic()
         self._stop_arming()
         if state == SessionPhase.ARMED:
             # Objects were asked to arm, and each may still refuse.
@@ -181,8 +183,8 @@ class SessionEvents:
 
     def say_wait(self, state: int, cause: str) -> None:
         """Say what a step waits for, now and then."""
-        if cause and time.monotonic() - self._said_at > _SAY_AGAIN_S:
-            self._said_at = time.monotonic()
+        if cause and time.monotonic() - self._last_note_at > _SAY_AGAIN_S:
+            self._last_note_at = time.monotonic()
             arming = state == SessionPhase.ARMED and self._arming is not None
             self._say(f"waiting in {ARMING if arming else SessionPhase(state).name}: {cause}")
 

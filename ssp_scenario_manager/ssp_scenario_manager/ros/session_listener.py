@@ -23,7 +23,7 @@ from ssp_core.safety.arming import recorder_lacks
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
-from ssp_core.safety.object_rules import HeardRules
+from ssp_core.safety.object_rules import ReceivedRules
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import BodyStatus as BodyStatusMsg
 from ssp_msgs.msg import (
@@ -36,7 +36,7 @@ from ssp_msgs.msg import (
     ObjectStates,
     RecorderStatus,
 )
-from ssp_scenario_manager.doctor.session import SessionHeard, Stream
+from ssp_scenario_manager.doctor.session import SessionObservation, Stream
 from ssp_scenario_manager.ros.endpoints import DeclarationWatch, PublisherWatch
 from ssp_scenario_manager.session.supervision import LivenessMonitor
 
@@ -95,13 +95,13 @@ class SessionListener(Node):
         self._bodies: dict[str, BodyStatus] = {}
         self._spec = spec
         self._begin_counting = partial(SessionCounts, spec, odometry, navsat)
-        self._counted = self._begin_counting()
+        self._counts = self._begin_counting()
         self._states: dict[str, State] = {}
         self._links: dict[str, LinkEstimate] = {}
         self._managers: set[str] = set()
         self._session = SessionPhase.UNKNOWN
         self._recorder: RecorderStatus | None = None
-        self._rules = HeardRules()
+        self._rules = ReceivedRules()
         self._liveness = LivenessMonitor()
         receiver = [topic for topic in (odometry, navsat) if topic is not None]
         self._others = PublisherWatch(self, self._liveness, receiver)
@@ -137,16 +137,16 @@ class SessionListener(Node):
 
     def forget(self) -> None:
         """Start counting anew."""
-        self._counted = self._begin_counting()
+        self._counts = self._begin_counting()
 
     def _look(self) -> None:
         self._others.look(time.monotonic_ns())
 
-    def heard(self) -> SessionHeard:
+    def observation(self) -> SessionObservation:
         """Return all that was heard until now."""
         self._look()
-        recorder, counted = self._recorder, self._counted
-        return SessionHeard(
+        recorder, counted = self._recorder, self._counts
+        return SessionObservation(
             streams=counted.streams,
             states=self._states,
             lost=counted.lost,
@@ -169,7 +169,7 @@ class SessionListener(Node):
 
     def _hear(self, topic: str, message: Any) -> None:
         stamp_ns = ros.ns_from_stamp(message.header.stamp)
-        self._counted.streams[topic].hear(time.time_ns(), stamp_ns, message.header.frame_id)
+        self._counts.streams[topic].hear(time.time_ns(), stamp_ns, message.header.frame_id)
 
     def _on_state(self, message: ObjectState) -> None:
         if message.object_id not in self._spec.object_ids:
@@ -179,7 +179,7 @@ class SessionListener(Node):
         except ValueError as error:
             self.get_logger().error(f"state of {message.object_id}: {error}")
             return
-        self._counted.see(state, self._states.get(state.object_id))
+        self._counts.see(state, self._states.get(state.object_id))
         self._states[state.object_id] = state
         self._hear(state.object_id, message)
 
@@ -190,7 +190,7 @@ class SessionListener(Node):
     def _on_frames(self, batch: FrameBatch) -> None:
         if batch.object_id not in self._spec.object_ids:
             return
-        stream = self._counted.frames.setdefault(batch.object_id, Stream())
+        stream = self._counts.frames.setdefault(batch.object_id, Stream())
         for frame in batch.frames:
             if not frame.sent:
                 stream.hear(frame.stamp_ns, frame.stamp_ns, "")
@@ -223,7 +223,7 @@ def listen(
     odometry: str | None = None,
     remappings: Sequence[str] = (),
     navsat: str | None = None,
-) -> SessionHeard:
+) -> SessionObservation:
     """Listen in the ROS domain of the environment.
 
     Args:
@@ -250,7 +250,7 @@ def listen(
                 node.forget()
             executor.spin_once(timeout_sec=0.1)
             progress(passed_s / total_s)
-        observations = node.heard()
+        observations = node.observation()
         executor.shutdown()
         node.destroy_node()
         return observations

@@ -52,7 +52,7 @@ class StartListener:
         self._rivals: list[str] = []
         self._states: dict[str, tuple[State, float]] = {}
         self._recorder_ready = False
-        self._heard_s: dict[str, float] = {}
+        self._sign_times_s: dict[str, float] = {}
         participants = declaring(spec) if spec.mode == "live" else ()
         self._declared: dict[str, list[str]] = {who: [] for who in participants}
         alone = [spec.vut.id] if spec.states_in_one else spec.object_ids
@@ -99,7 +99,7 @@ class StartListener:
         """Return the facts heard beside the states, and their ages; nothing of links."""
         now_s = time.monotonic()
         heard_s = {object_id: at_s for object_id, (_, at_s) in self._states.items()}
-        ages_s = {who: now_s - at_s for who, at_s in {**heard_s, **self._heard_s}.items()}
+        ages_s = {who: now_s - at_s for who, at_s in {**heard_s, **self._sign_times_s}.items()}
         adapted = ages_s.get(names.VUT_ADAPTER, math.inf) <= ADAPTER_SILENT_S
         descriptions, at_s = self._strangers
         strangers = known_strangers(descriptions, now_s - at_s, self._rivals)
@@ -129,13 +129,13 @@ class StartListener:
     def _on_recorder(self, message: RecorderStatus) -> None:
         self._recorder_ready = bool(message.ready)
         self._rivals = _short(message.strangers)
-        self._heard_s[names.MONITOR] = time.monotonic()
+        self._sign_times_s[names.MONITOR] = time.monotonic()
 
     def _on_links(self, message: LinkStatus) -> None:
         self._strangers = _short(message.strangers), time.monotonic()
 
     def _on_camera(self, _: CameraInfo) -> None:
-        self._heard_s[names.FRONT_CAMERA] = time.monotonic()
+        self._sign_times_s[names.FRONT_CAMERA] = time.monotonic()
 
     def _on_body(self, message: BodyStatusMsg) -> None:
         status = body_status_of(message)
@@ -147,7 +147,7 @@ class StartListener:
 
     def _on_localisation(self, message: LocalisationStatus) -> None:
         self._vut_refused = message.reason[:MOST_TEXT]
-        self._heard_s[names.VUT_ADAPTER] = time.monotonic()
+        self._sign_times_s[names.VUT_ADAPTER] = time.monotonic()
 
 
 def _short(texts: Sequence[str]) -> list[str]:

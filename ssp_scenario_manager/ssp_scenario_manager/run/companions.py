@@ -164,11 +164,11 @@ class _Listener:
         pid = self.node.process.pid
         deadline = time.monotonic() + LEFT_S
         while self.node.returncode is None and time.monotonic() < deadline:
-            if self._has_said(_STAYS):
+            if self._has_logged(_STAYS):
                 self.say(f"operator page: shows the end for a minute; `kill {pid}` ends it now")
                 return
             time.sleep(0.02)
-        if self.node.returncode is None and self._has_said(_HEARD):
+        if self.node.returncode is None and self._has_logged(_HEARD):
             self.say(f"operator page: hasn't closed yet; `kill -9 {pid}` ends it now")
             return
         if self.node.returncode is None:
@@ -176,7 +176,7 @@ class _Listener:
             self.say(f"operator page: didn't hear the end within {LEFT_S:g} s, and was ended")
         self.watch.join()
 
-    def _has_said(self, words: re.Pattern[str]) -> bool:
+    def _has_logged(self, words: re.Pattern[str]) -> bool:
         return words.search(self.node.log.read_text(errors="replace")) is not None
 
 

@@ -176,7 +176,7 @@ class _Following:
         self._client = client
         self._say = say
         self._interrupt = interrupt
-        self._told: set[str] = set()
+        self._ended_nodes: set[str] = set()
         self._hands: FaultEndpoints | None = None
         self._injector: faults.FaultInjector | None = None
         self._by_hand: StepwiseClient | None = None
@@ -429,25 +429,25 @@ class _Following:
             self._look_at_waits()
             self._inject()
             leads = self._client if self._by_hand is None else self._by_hand
-            if (missing := leads.not_in_time) is not None and not self._told:
+            if (missing := leads.not_in_time) is not None and not self._ended_nodes:
                 self._say(f"not started within {HOLDS_S:g} s: {'; '.join(missing)}")
                 self._disarm()
                 self._client.ask_again()
                 return None
             outcome = self._client.outcome or self._cannot_start()
             for node in self._group.ended():
-                if node.name not in self._told:
-                    self._told.add(node.name)
+                if node.name not in self._ended_nodes:
+                    self._ended_nodes.add(node.name)
                     self._say(f"{node.name} {node.describe_exit()}")
                     noticed_by_s = time.monotonic() + END_TIMEOUT_S
             silent = self._silent_manager() or self._stuck_manager() if outcome is None else ""
             if silent:
                 outcome = RunOutcome(Verdict.INVALID_HARNESS, (silent,))
-            if silent or names.SCENARIO_MANAGER in self._told:
+            if silent or names.SCENARIO_MANAGER in self._ended_nodes:
                 # Nobody is left to give a result; the objects stop by themselves.
                 self._let_objects_stop(VERDICT_S - self._unled_s())
                 break
-            if self._told and not self._client.session.was_armed:
+            if self._ended_nodes and not self._client.session.was_armed:
                 # Nothing was armed: there is nothing that has to come to stand.
                 self._client.cancel()
                 break
@@ -481,7 +481,7 @@ class _Following:
             typed: the word that aborts was typed.
             cancelled: number of signals that came.
         """
-        if self._client.session.first_event is not None and not self._told:
+        if self._client.session.first_event is not None and not self._ended_nodes:
             busy = self._waits.too_busy(*self._client.session.first_event)
             outcome = with_busy_machine(outcome, busy)
         if typed:
@@ -490,7 +490,7 @@ class _Following:
             outcome = RunOutcome(
                 outcome.verdict, (f"interrupted by {self._interrupt.first}", *outcome.reasons)
             )
-        for name in sorted(self._told):
+        for name in sorted(self._ended_nodes):
             outcome = outcome.with_reason(
                 Verdict.INVALID_HARNESS, obituary(self._group.processes[name])
             )
@@ -551,7 +551,7 @@ class _Following:
         until_s = self._spec.limits.heartbeat_s + NOTICED_S
         while hands.wall_s - began_s < limit_s:
             self._client.spin(0.1)
-            heard_s = hands.heard_at()
+            heard_s = hands.newest_truth_s()
             waited_s = hands.wall_s - began_s
             if waited_s > until_s and (heard_s or 0.0) > began_s and hands.all_stand():
                 return
@@ -586,7 +586,7 @@ class _Following:
         faults = {
             "schema": "ssp.faults_injected/1",
             "injected": [asdict(one) for one in injector.injected],
-            "heard": hands.heard,
+            "heard": hands.runner_events,
         }
         return SessionOutcome(
             outcome, hands.session_s, client.session.times.wall_s, faults, hands.witness()

@@ -168,7 +168,7 @@ def run_in_process(
             gc.enable()
         plant.close()
     reports = record.reports
-    outcome, happened = judged(spec, session, record)
+    outcome, happened = judge_session(spec, session, record)
     return InProcessResult(
         verdict=outcome.verdict,
         reasons=outcome.reasons,
@@ -243,7 +243,7 @@ def leave_recording(
         HostError: the disk doesn't take the bag.
     """
     from ssp_scenario_manager.run.in_process_recording import SessionRecording
-    from ssp_scenario_manager.run.report import ReportInput, told
+    from ssp_scenario_manager.run.report import ReportInput, report_fields
 
     with SessionRecording(spec, run_file, bag) as recording:
         session_record.tell(recording)
@@ -251,15 +251,15 @@ def leave_recording(
     return {
         "bag": bag.name,
         "seal": seal,
-        "measured": told(ReportInput.of_kept(session_record, spec), spec),
+        "measured": report_fields(ReportInput.of_session_record(session_record, spec), spec),
     }
 
 
-def judged(
+def judge_session(
     spec: RunSpec, session: InProcessSession, record: Record
 ) -> tuple[RunOutcome, RunEvents]:
     """Judge how a session that is over ended, and what happened in it."""
-    happened = RunEvents.seen(
+    happened = RunEvents.measure(
         spec,
         0,
         session.of_kind(PhaseBegan),

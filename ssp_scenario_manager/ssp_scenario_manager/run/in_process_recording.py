@@ -55,7 +55,7 @@ class SessionRecording(Closing):
         elif isinstance(fact, PhaseBegan):
             recorder.take(names.PHASE_EVENT, encode_phase(fact), fact.stamp_ns)
         elif isinstance(fact, Violation):
-            recorder.limit(fact.seen_by(names.SCENARIO_MANAGER))
+            recorder.limit(fact.announcement(names.SCENARIO_MANAGER))
 
     def answer(self, now_ns: int, session: SessionPhase) -> None:
         """Take the manager's word after a step."""

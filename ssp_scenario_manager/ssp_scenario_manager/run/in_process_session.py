@@ -47,7 +47,7 @@ def _ignore(_: StepReport) -> None:
 Fact = TypeVar("Fact", bound=outbox.Outgoing)
 
 
-class _PlantHeard:
+class _PlantReports:
     """Times at which the plant's participants were heard, and the quality of their links."""
 
     def __init__(self) -> None:
@@ -140,7 +140,7 @@ class InProcessSession:
         self._steady_ns = 0
         self._abort = AbortWatch()
         self._script = RunScript("", 0)
-        self._heard = _PlantHeard()
+        self._plant_reports = _PlantReports()
         self._fresh: list[Reference] = []
         self._operator = _InjectedOperator(spec)
 
@@ -166,7 +166,7 @@ class InProcessSession:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Why the session didn't come to run; empty where it did."""
+        """Return the reasons why the session didn't come to run; empty where it did."""
         return self._script.problems
 
     @property
@@ -191,7 +191,7 @@ class InProcessSession:
             if wish is SessionEvent.LOAD:
                 script.on_answer(session.load(self._spec, 0))
             elif wish is not None:
-                session.facts = self._heard.facts(self._spec, self._steady_ns)
+                session.facts = self._plant_reports.facts(self._spec, self._steady_ns)
                 script.on_answer(session.command(wish, self._now_ns, WHO, ""))
             self._flush()
             if session.state is SessionPhase.ARMED:
@@ -236,7 +236,7 @@ class InProcessSession:
     def _waits_in_vain(self) -> bool:
         """Tell whether an abort's end can't be reported, as a silent object's standstill can't."""
         in_vain = self._abort.unconfirmed(
-            self.session, self._heard.liveness, self._steady_ns, self._now_ns
+            self.session, self._plant_reports.liveness, self._steady_ns, self._now_ns
         )
         if in_vain:
             self.session.give_up_on_standstill(self._now_ns)
@@ -259,7 +259,7 @@ class InProcessSession:
         session = self.session
         self._now_ns = report.now_ns
         self.faults += report.faults
-        self._heard.hear(report, self._steady_ns)
+        self._plant_reports.hear(report, self._steady_ns)
         for state in report.vut_states:
             session.on_vut_state(state)
         for state in report.target_states:

@@ -34,31 +34,31 @@ class KeptSession:
     """A listener that keeps everything; it is a SessionListener."""
 
     def __init__(self) -> None:
-        self._told: list[StepReport | outbox.Outgoing | tuple[int, SessionPhase]] = []
+        self._entries: list[StepReport | outbox.Outgoing | tuple[int, SessionPhase]] = []
 
     def hear(self, report: StepReport) -> None:
         """Keep a report of world, VUT and objects."""
-        self._told.append(report)
+        self._entries.append(report)
 
     def sent(self, fact: outbox.Outgoing) -> None:
         """Keep a fact that the session sends."""
-        self._told.append(fact)
+        self._entries.append(fact)
 
     def answer(self, now_ns: int, session: SessionPhase) -> None:
         """Keep the manager's word after a step."""
-        self._told.append((now_ns, session))
+        self._entries.append((now_ns, session))
 
     def reports(self) -> Iterator[StepReport]:
         """Yield the reports, those of the world that holds included."""
-        return (one for one in self._told if isinstance(one, StepReport))
+        return (one for one in self._entries if isinstance(one, StepReport))
 
     def facts(self) -> Iterator[outbox.Outgoing]:
         """Yield what the session sent."""
-        return (one for one in self._told if not isinstance(one, StepReport | tuple))
+        return (one for one in self._entries if not isinstance(one, StepReport | tuple))
 
     def tell(self, listener: SessionListener) -> None:
         """Tell another listener everything, in its order."""
-        for one in self._told:
+        for one in self._entries:
             if isinstance(one, StepReport):
                 listener.hear(one)
             elif isinstance(one, tuple):

@@ -72,7 +72,7 @@ class _Worker:
         return function(*one)
 
 
-def _answered(ray: Any, requests: Sequence[Any]) -> list[Any]:
+def _ready_answers(ray: Any, requests: Sequence[Any]) -> list[Any]:
     """Return the answers of the actors that the cluster has had room for, of at least one."""
     there, _ = ray.wait(requests, num_returns=len(requests), timeout=_NOTE_S)
     while not there:
@@ -98,7 +98,7 @@ def _map_on(
     try:
         ours = software()
         actors_by_request = {actor.do.remote(software): actor for actor in actors}
-        there = _answered(ray, list(actors_by_request))
+        there = _ready_answers(ray, list(actors_by_request))
         for theirs in ray.get(there):
             if theirs != ours:
                 raise HostError(

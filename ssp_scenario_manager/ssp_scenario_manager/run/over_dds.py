@@ -68,13 +68,13 @@ class RunResult:
 
     Args:
         bag: folder of the recording, unfinished where it could be neither closed nor recovered.
-        told: what stands in result.json, if that could be written.
+        result_fields: what stands in result.json, if that could be written.
         unwritten: why files of the run are missing, for people, and what to do.
     """
 
     outcome: RunOutcome
     bag: Path
-    told: dict[str, Any]
+    result_fields: dict[str, Any]
     unwritten: tuple[str, ...]
     wall_s: float
     session_s: float

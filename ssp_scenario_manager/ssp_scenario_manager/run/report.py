@@ -225,7 +225,7 @@ class ReportInput:
         )
 
     @classmethod
-    def of_kept(cls, session_record: KeptSession, spec: RunSpec) -> ReportInput:
+    def of_session_record(cls, session_record: KeptSession, spec: RunSpec) -> ReportInput:
         """Take what a session's bag holds from the session itself."""
         targets = {target.id for target in spec.targets}
         facts = list(session_record.facts())
@@ -295,13 +295,13 @@ def measured(bag: Path, spec: RunSpec, say: Callable[[str], None]) -> dict[str, 
             report_input = ReportInput.of(reader, spec)
     except (SspError, ValueError) as error:
         return {"schema": SCHEMA, "problem": str(error)}
-    report = told(report_input, spec)
+    report = report_fields(report_input, spec)
     for line in lines(report):
         say(line)
     return report
 
 
-def told(report_input: ReportInput, spec: RunSpec) -> dict[str, Any]:
+def report_fields(report_input: ReportInput, spec: RunSpec) -> dict[str, Any]:
     """Compute ``measured`` from the data that were read."""
     purposes = {name: sent.purpose for name, sent in report_input.references.items()}
     return {

@@ -77,7 +77,7 @@ class RunEvents:
         return math.isfinite(self.min_distance_m)
 
     @classmethod
-    def seen(
+    def measure(
         cls,
         spec: RunSpec,
         began_ns: int | None,
@@ -141,7 +141,7 @@ class RunEvents:
             truths = _reported_states(bag, spec, began_ns, over[0] if over else None)
         else:
             truths = _true_states(bag, spec)
-        return cls.seen(
+        return cls.measure(
             spec,
             began_ns,
             [
@@ -290,7 +290,7 @@ def result_keys(
     }
 
 
-def shown_gap(gap_s: float | None) -> str:
+def time_gap_text(gap_s: float | None) -> str:
     """Write a time gap for people."""
     return "no time gap" if gap_s is None else f"time gap {gap_s:.3f} s"
 

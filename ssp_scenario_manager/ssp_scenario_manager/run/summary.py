@@ -127,14 +127,14 @@ class PromptFacts:
 
     def __init__(self, spec: RunSpec, facts: Facts) -> None:
         self._spec = spec
-        self._heard = connected(spec, facts)
+        self._connections = connected(spec, facts)
         self._causes = {_like(who, text) for who, text in self._all(facts)}
 
     def news(self, facts: Facts) -> list[str]:
         """List who came or went, and each reason that wasn't shown yet, a line each."""
-        connections = connected(self._spec, facts, self._heard)
-        lines = changes(self._heard, connections)
-        self._heard = connections
+        connections = connected(self._spec, facts, self._connections)
+        lines = changes(self._connections, connections)
+        self._connections = connections
         for who, text in self._all(facts):
             if (cause := _like(who, text)) not in self._causes:
                 self._causes.add(cause)
@@ -142,7 +142,7 @@ class PromptFacts:
         return lines
 
     def _all(self, facts: Facts) -> list[tuple[str, str]]:
-        reasons_by_id = causes(self._spec, facts, self._heard)
+        reasons_by_id = causes(self._spec, facts, self._connections)
         return [(who, text) for who, texts in reasons_by_id.items() for text in texts] + strangers(
             facts
         )

@@ -44,7 +44,7 @@ from ssp_scenario_manager.run.in_process import (
     save_states,
 )
 from ssp_scenario_manager.run.ordered_map import ordered_map
-from ssp_scenario_manager.run.result import late_conflict, rounded, shown_gap
+from ssp_scenario_manager.run.result import late_conflict, rounded, time_gap_text
 from ssp_scenario_manager.triggers.on_route import off_route
 
 OPTION = "--vary"
@@ -60,12 +60,12 @@ class Variation:
     Args:
         field: its dotted path, such as ``driver.cruise_mps`` or ``triggers.0.lead_time_s``.
         values: taken in turn; of a drawn one its lower and upper bound.
-        drawn: a number between the bounds is drawn for each run.
+        is_drawn: a number between the bounds is drawn for each run.
     """
 
     field: str
     values: tuple[Any, ...]
-    drawn: bool = False
+    is_drawn: bool = False
 
     def draw(self, seed: int, run: int) -> float:
         """Draw the value of one run, a function of seed, field and run alone."""
@@ -94,7 +94,7 @@ def parse_variation(text: str) -> Variation:
     with suppress(ValueError):
         low, high = map(decimal, values.split(":"))
         if low < high and math.isfinite(high - low):
-            return Variation(field, (low, high), drawn=True)
+            return Variation(field, (low, high), is_drawn=True)
     raise InputError(
         "needs a lower and an upper bound", field=OPTION, value=text, remedy="such as 11:15"
     )
@@ -117,7 +117,7 @@ def _scalar(part: str, text: str) -> Any:
 
 def combinations(variations: Sequence[Variation]) -> int:
     """Count the combinations of the values that are taken in turn."""
-    return math.prod(len(v.values) for v in variations if not v.drawn)
+    return math.prod(len(v.values) for v in variations if not v.is_drawn)
 
 
 def values_of(variations: Sequence[Variation], seed: int, run: int) -> dict[str, Any]:
@@ -132,10 +132,10 @@ def values_of(variations: Sequence[Variation], seed: int, run: int) -> dict[str,
     """
     cell, at = dict[str, Any](), run
     for v in reversed(variations):
-        if not v.drawn:
+        if not v.is_drawn:
             at, place = divmod(at, len(v.values))
             cell[v.field] = v.values[place]
-    return {v.field: v.draw(seed, run) if v.drawn else cell[v.field] for v in variations}
+    return {v.field: v.draw(seed, run) if v.is_drawn else cell[v.field] for v in variations}
 
 
 def with_values(spec: RunSpec, values: dict[str, Any], seed: int) -> RunSpec:
@@ -221,7 +221,7 @@ class Sweep:
         """Return the varied values of a run."""
         return values_of(self.variations, self.spec.seed, run)
 
-    def given(self, run: int) -> Row:
+    def begin_row(self, run: int) -> Row:
         """Begin a run's row with the values known before it was run."""
         return [str(run), str(self.spec.seed + run), *map(str, self.values(run).values())]
 
@@ -246,7 +246,7 @@ class Sweep:
                     value=field,
                     remedy="vary another field",
                 )
-            if variation.drawn:
+            if variation.is_drawn:
                 for bound in variation.values:
                     with_values(self.spec, {field: bound}, self.spec.seed)
         # Values that are sound by themselves may not be so together, nor the other way round.
@@ -313,7 +313,7 @@ def _rows_there(sweep: Sweep, folder: Path) -> list[Row]:
     text = path.read_bytes().decode(errors="replace")
     lines = list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1])))
     for number, row in enumerate(lines, -1):
-        begin = sweep.header if number < 0 else sweep.given(number)
+        begin = sweep.header if number < 0 else sweep.begin_row(number)
         if len(row) != len(sweep.header) or row[: len(begin)] != begin:
             raise other(file=path, line=number + 2, value=",".join(row))
     return lines[1:]
@@ -328,7 +328,7 @@ def _lines(rows: list[Row]) -> str:
 def _row(sweep: Sweep, number: int) -> Row:
     spec = with_values(sweep.spec, sweep.values(number), sweep.spec.seed + number)
     result, _ = run_in_process(spec, Path(_work_dir().name))
-    return [*sweep.given(number), *_measured(result)]
+    return [*sweep.begin_row(number), *_measured(result)]
 
 
 @cache
@@ -455,7 +455,7 @@ def _say(
     if as_json:
         click.echo(json.dumps(result_fields))
     else:
-        gap_text = shown_gap(result_fields["time_gap_s"])
+        gap_text = time_gap_text(result_fields["time_gap_s"])
         console.out.print(
             f"{spec.scenario} on {spec.site}: {result_fields['verdict']}, {result.session_s:.1f} s "
             f"of session, {gap_text}, {folder / RESULT_FILE}",
@@ -534,7 +534,7 @@ def run_many(
     """Do a sweep, which leaves run.yaml and runs.csv; exit status 0 when all runs are valid."""
     spec = for_one_process(spec)
     variations = tuple(parse_variation(text) for text in vary)
-    if runs is None and any(v.drawn for v in variations):
+    if runs is None and any(v.is_drawn for v in variations):
         raise InputError(
             "a range has no number of values",
             field="--vary",
@@ -544,7 +544,7 @@ def run_many(
     sweep = Sweep(spec, variations, runs if runs is not None else combinations(variations))
     sweep.check()
     for variation in variations:
-        separator = " to " if variation.drawn else ", "
+        separator = " to " if variation.is_drawn else ", "
         values = separator.join(f"{value}" for value in variation.values)
         was = _value(spec, variation.field)
         console.note(f"changed on site: {variation.field} {was!r} → {values}")

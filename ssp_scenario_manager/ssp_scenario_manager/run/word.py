@@ -81,7 +81,7 @@ class TypedWords:
         self._ended = fd is None
         self._text = b""
         self._newest_ns = self._looked_ns = self.typed_after_ns = 0
-        self._asked = False
+        self._is_asking = False
         self._is_begun = False
 
     def ask(self, now_ns: int) -> None:
@@ -103,7 +103,7 @@ class TypedWords:
                 termios.tcflush(self._fd or 0, termios.TCIFLUSH)
         self._text = b"abort\n" if is_aborted else begun
         self._is_begun = bool(begun) and not is_aborted
-        self._asked = True
+        self._is_asking = True
 
     def poll(self, now_ns: int) -> Word | None:
         """Return the answer to the question, once it is there.
@@ -123,7 +123,7 @@ class TypedWords:
         ending = word_of(self._text + b"\n") if self._ended else word
         if Word.ABORT in (word, ending):
             return self._take(Word.ABORT)
-        if not self._asked:
+        if not self._is_asking:
             self._text = _LINE_END.split(self._text)[-1]
             return None if word is None else Word.OTHER
         if self._is_begun and word is not None:
@@ -143,10 +143,10 @@ class TypedWords:
         Args:
             now_ns: on the steady clock.
         """
-        return not self._asked and self.poll(now_ns) is Word.ABORT
+        return not self._is_asking and self.poll(now_ns) is Word.ABORT
 
     def _take(self, word: Word) -> Word:
-        self._text, self._asked, self._is_begun = b"", False, False
+        self._text, self._is_asking, self._is_begun = b"", False, False
         return word
 
     def _is_terminal(self) -> bool:
@@ -170,7 +170,7 @@ class TypedWords:
                 data = b""
             if not data:
                 # Of a terminal it is Ctrl-D, which ends nothing where nothing was asked.
-                self._ended = self._asked or not self._is_terminal()
+                self._ended = self._is_asking or not self._is_terminal()
                 break
             read += len(data)
             self._text = _bounded(self._text + data)

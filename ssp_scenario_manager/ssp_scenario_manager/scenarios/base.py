@@ -112,7 +112,7 @@ class Plan:
         conflict: the conflict point (METHOD 1).
         zone: corners of the conflict zone, in order.
         expected: the VUT's reference point when the trigger fires, as foreseen.
-        chosen: values that were chosen within part C, by field path: (value, unit, why).
+        choices: values that were chosen within part C, by field path: (value, unit, why).
         at_most: the place's upper limits of such values, by field path; none where it has none.
         gap_s: time gap at the conflict point if the VUT keeps its speed; None: there is none.
     """
@@ -123,7 +123,7 @@ class Plan:
     conflict: BlockPoint
     zone: tuple[BlockPoint, ...]
     expected: BlockPoint
-    chosen: Mapping[str, tuple[float, str, str]]
+    choices: Mapping[str, tuple[float, str, str]]
     at_most: Mapping[str, float] = field(default_factory=dict)
     gap_s: float | None = None
 

@@ -49,8 +49,8 @@ from ssp_scenario_manager.scenarios.values import (
     Choice,
     acceleration_limit,
     approach_acceleration,
+    choice_entries,
     choose,
-    chosen,
     fixed,
     size_of,
     speed_bounds,
@@ -243,7 +243,7 @@ def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
             not_before_s=round(0.5 * along.fires_s, 1),
         ),
         extra=extra,
-        chosen=chosen(choices, gaps),
+        choices=choice_entries(choices, gaps),
     )
 
 

@@ -17,7 +17,7 @@ from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
 from ssp_scenario_manager.scenarios.over_routes import (
     Crossing,
     RouteMotion,
-    met_by,
+    conflicting_routes,
     plans_with,
     side_of,
 )
@@ -37,7 +37,7 @@ def crossings(event: Event, block: Block, routes: Mapping[str, Block]) -> list[C
         CannotPlace: there is none.
     """
     side, candidates = side_of(event), []
-    for conflict, other, passage in met_by(block, routes):
+    for conflict, other, passage in conflicting_routes(block, routes):
         straight = abs(passage.turn_rad) < STRAIGHT_ON_RAD
         across = is_crossing(wrap_angle(conflict.angle_rad))
         if straight and across and conflict.comes_from == side:

@@ -38,8 +38,8 @@ from ssp_scenario_manager.scenarios.values import (
     Choice,
     acceleration_limit,
     approach_acceleration,
+    choice_entries,
     choose,
-    chosen,
     fixed,
     quantity_at,
     size_of,
@@ -127,7 +127,7 @@ def draft(setting: Setting, values: Mapping[str, float]) -> Draft:
             ),
             not_before_s=round(0.5 * fires_s, 1),
         ),
-        chosen=chosen(at_start, {"gap": gap}),
+        choices=choice_entries(at_start, {"gap": gap}),
     )
 
 

@@ -17,7 +17,7 @@ from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
 from ssp_scenario_manager.scenarios.over_routes import (
     Crossing,
     RouteMotion,
-    met_by,
+    conflicting_routes,
     plans_with,
     side_of,
     straight_on,
@@ -43,7 +43,7 @@ def ramps(event: Event, block: Block, routes: Mapping[str, Block]) -> list[Cross
         CannotPlace: there is none.
     """
     side, crossings, refused = side_of(event), [], []
-    for conflict, other, passage in met_by(block, routes, "merge"):
+    for conflict, other, passage in conflicting_routes(block, routes, "merge"):
         if conflict.comes_from != side:
             continue
         start = other.line.pose(passage.start_s_m)

@@ -16,7 +16,12 @@ from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
-from ssp_scenario_manager.scenarios.over_routes import Crossing, RouteMotion, met_by, plans_with
+from ssp_scenario_manager.scenarios.over_routes import (
+    Crossing,
+    RouteMotion,
+    conflicting_routes,
+    plans_with,
+)
 from ssp_scenario_manager.scenarios.values import size_of
 
 # So long before a VUT that keeps its speed is where the vehicle comes into its corridor does the
@@ -38,7 +43,7 @@ def turns(block: Block, routes: Mapping[str, Block]) -> list[Crossing]:
         CannotPlace: there is none.
     """
     crossings = []
-    for conflict, other, passage in met_by(block, routes):
+    for conflict, other, passage in conflicting_routes(block, routes):
         own = block.line.pose(conflict.s_m).yaw_rad
         comes = other.line.pose(passage.start_s_m).yaw_rad
         opposite = comes_against(own, comes)

@@ -62,8 +62,8 @@ from ssp_scenario_manager.scenarios.values import (
     Choice,
     acceleration_limit,
     approach_acceleration,
+    choice_entries,
     choose,
-    chosen,
     classes_of,
     combinations,
     fixed,
@@ -115,7 +115,7 @@ def side_of(event: Event) -> str:
     return event.interaction.dominant_motion.rpartition("_")[2]
 
 
-def met_by(
+def conflicting_routes(
     block: Block,
     routes: Mapping[str, Block],
     kind: Literal["crossing", "merge"] = "crossing",
@@ -335,7 +335,7 @@ def _draft(
             ),
             not_before_s=round(0.5 * (cruise_reached_s(v, rate) + HOLD_S), 1),
         ),
-        chosen=chosen(choices, {name: gap}),
+        choices=choice_entries(choices, {name: gap}),
     )
 
 

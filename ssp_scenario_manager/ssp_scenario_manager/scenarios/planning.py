@@ -49,7 +49,7 @@ from ssp_scenario_manager.scenarios.motions import CRUISE_SHARE, Motions, motion
 from ssp_scenario_manager.scenarios.prediction import AFTER_S, Prediction, foreseen_address, predict
 from ssp_scenario_manager.scenarios.values import (
     Choice,
-    chosen,
+    choice_entries,
     classes_of,
     combinations,
     initiator_first,
@@ -243,14 +243,14 @@ class Draft:
 
     Args:
         extra: further reasons against it, from what was foreseen; None where there are none.
-        chosen: further fields that follow from the others, as Plan.chosen has them.
+        choices: further fields that follow from the others, as Plan.choices has them.
     """
 
     vut: Drive
     targets: Mapping[str, Drive | Wait]
     trigger: Trigger
     extra: Callable[[Motions, Prediction], list[str]] | None = None
-    chosen: Mapping[str, tuple[float, str, str]] | None = None
+    choices: Mapping[str, tuple[float, str, str]] | None = None
 
 
 def plans_on(
@@ -308,7 +308,7 @@ def plans_on(
                 conflict=conflict,
                 zone=zone(trial_draft, prediction, conflict),
                 expected=_on_block(block, trial_draft.vut, prediction.fired_station_m),
-                chosen={**chosen(choices, values), **(trial_draft.chosen or {})},
+                choices={**choice_entries(choices, values), **(trial_draft.choices or {})},
                 at_most={
                     choice.field: choice.at_most
                     for choice in choices.values()

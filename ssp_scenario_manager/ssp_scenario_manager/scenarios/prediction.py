@@ -375,8 +375,8 @@ def _summary(
         overlap_s=overlap_s,
         left_s=left_s,
         conflict_station_m=point,
-        vut_arrival_s=_reached_s(instants, point),
-        vut_in_zone_s=_reached_s(instants, _covered_from_m(players, instants, point)),
+        vut_arrival_s=_arrival_s(instants, point),
+        vut_in_zone_s=_arrival_s(instants, _covered_from_m(players, instants, point)),
         vut_station_end_m=at_end.front_m - front if at_end is not None else players.station_m,
         vut_end_mps=end_speed,
         separation_m=min((i.separation_m for i in instants), default=math.inf),
@@ -387,7 +387,7 @@ def _summary(
     )
 
 
-def _reached_s(instants: Sequence[_Instant], station_m: float) -> float:
+def _arrival_s(instants: Sequence[_Instant], station_m: float) -> float:
     """Return when the VUT's front is at a station; inf: it isn't."""
     return next((i.t_s for i in instants if i.front_m >= station_m), math.inf)
 

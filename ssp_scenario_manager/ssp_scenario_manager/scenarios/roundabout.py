@@ -18,7 +18,7 @@ from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
 from ssp_scenario_manager.scenarios.over_routes import (
     Crossing,
     RouteMotion,
-    met_by,
+    conflicting_routes,
     plans_with,
     side_of,
 )
@@ -52,7 +52,7 @@ def circulating(event: Event, block: Block, routes: Mapping[str, Block]) -> list
         CannotPlace: there is none.
     """
     side, crossings = side_of(event), []
-    for conflict, other, passage in met_by(block, routes, turns=True):
+    for conflict, other, passage in conflicting_routes(block, routes, turns=True):
         beside = not is_crossing(conflict.angle_rad) and conflict.comes_from == side
         if beside and _run_together(block, other, conflict):
             crossings.append((conflict, other, passage))

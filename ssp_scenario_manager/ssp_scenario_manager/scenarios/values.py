@@ -158,7 +158,7 @@ def _ranks(sizes: list[int], total: int) -> Iterator[tuple[int, ...]]:
             yield (first, *rest)
 
 
-def chosen(
+def choice_entries(
     choices: Mapping[str, Choice], values: Mapping[str, float]
 ) -> dict[str, tuple[float, str, str]]:
     """Return the chosen values as a plan states them: (value, unit, why) by field."""

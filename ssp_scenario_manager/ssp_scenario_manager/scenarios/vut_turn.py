@@ -17,7 +17,7 @@ from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
 from ssp_scenario_manager.scenarios.over_routes import (
     Crossing,
     RouteMotion,
-    met_by,
+    conflicting_routes,
     plans_with,
     turning_left,
 )
@@ -37,7 +37,7 @@ def oncoming(block: Block, routes: Mapping[str, Block]) -> list[Crossing]:
         CannotPlace: there is none.
     """
     crossings = []
-    for conflict, other, passage in met_by(block, routes, turns=True):
+    for conflict, other, passage in conflicting_routes(block, routes, turns=True):
         own = block.line.pose(turning_left(block).start_s_m).yaw_rad
         comes = other.line.pose(passage.start_s_m).yaw_rad
         opposite = comes_against(own, comes)

@@ -18,7 +18,7 @@ from ssp_scenario_manager.session.supervision import LivenessMonitor
 
 
 @dataclass(slots=True)
-class HeardWorld:
+class WorldMode:
     """The simulated world, as its newest tick tells of it.
 
     Args:
@@ -48,7 +48,7 @@ class StepInputs:
     safety_events: int = 0
     answers: dict[str, tuple[int, int, int, int]] = field(default_factory=dict)
     _reported: list[Violation] = field(default_factory=list)
-    _told_step: int = -1
+    _reported_step: int = -1
 
     def on_tick(self, step: int, vut_states_sent: int) -> None:
         self.step = step
@@ -93,9 +93,9 @@ class StepInputs:
 
     def missing_of_late(self) -> list[str]:
         """List what is missing once the world has waited for long; each step is listed once."""
-        if (self.step or 0) <= self._told_step or not (missing := self.missing()):
+        if (self.step or 0) <= self._reported_step or not (missing := self.missing()):
             return []
-        self._told_step = self.step or 0
+        self._reported_step = self.step or 0
         return missing
 
     def report(self, violation: Violation) -> None:
@@ -143,25 +143,25 @@ class _Over(Mapping[str, ObjectState]):
     """States that wait before those that are known; an older one doesn't replace a newer one."""
 
     def __init__(self, states: Mapping[str, ObjectState], arrivals: PendingStates) -> None:
-        self._known = states
+        self._stored_states = states
         self._arrivals = arrivals
 
     def __getitem__(self, object_id: str) -> ObjectState:
-        stored_state, state = self._known.get(object_id), self._arrivals.newest(object_id)
+        stored_state, state = self._stored_states.get(object_id), self._arrivals.newest(object_id)
         if state is None or (stored_state is not None and state.stamp_ns < stored_state.stamp_ns):
-            return self._known[object_id]
+            return self._stored_states[object_id]
         return state
 
     def __contains__(self, object_id: object) -> bool:
-        return object_id in self._known or (
+        return object_id in self._stored_states or (
             isinstance(object_id, str) and self._arrivals.newest(object_id) is not None
         )
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._known)
+        return iter(self._stored_states)
 
     def __len__(self) -> int:
-        return len(self._known)
+        return len(self._stored_states)
 
 
 class StateInput:

@@ -106,7 +106,7 @@ class Violation:
         detail = f" ({self.detail})" if self.detail else ""
         return f"{meaning.limit_name}:{who} {figures}{detail}"
 
-    def seen_by(self, node: str) -> LimitFact:
+    def announcement(self, node: str) -> LimitFact:
         """Return what a node announces of it."""
         return LimitFact(
             self.code, node, self.object_id, self.measured, self.limit, self.stamp_ns, self.words
@@ -208,7 +208,7 @@ def violations(
         passed = [
             judge.over_speed(state, limits),
             judge.outside_geofence(excess_m),
-            *judge.stated(state, limits),
+            *judge.statement_violations(state, limits),
         ]
         findings += [
             of_object(one, state.object_id, state.stamp_ns) for one in passed if one is not None

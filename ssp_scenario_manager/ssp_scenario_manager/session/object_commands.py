@@ -25,7 +25,7 @@ class Pending:
         event_version: K* version of the run.
         rules_digest: of what the object judges by, for an ARM.
         abort_id: of the abort that an ALL_CLEAR clears.
-        asked_ns: when the session gave it, on the steady clock.
+        request_ns: when the session gave it, on the steady clock.
         sent_ns: when it was sent last; None: its service isn't there yet.
         refusal: what the object answered last, and will be asked again.
     """
@@ -35,7 +35,7 @@ class Pending:
     event_version: str
     rules_digest: str
     abort_id: str
-    asked_ns: int
+    request_ns: int
     sent_ns: int | None = None
     refusal: str = ""
 
@@ -61,7 +61,7 @@ class Pending:
         wait_s = _WAIT_S.get(self.command)
         if is_sent_arm or wait_s is None:
             return False
-        return ns_to_seconds(steady_ns - self.asked_ns) > wait_s
+        return ns_to_seconds(steady_ns - self.request_ns) > wait_s
 
 
 class ObjectCommands:

@@ -31,7 +31,7 @@ class OpenTriggers:
         self.failed: Violation | None = None
         self._spec = spec
         self._watches: list[TriggerWatch] = []
-        self._judged_ns = -1
+        self._evaluated_ns = -1
 
     def start(self, path: Polyline, now_ns: int) -> None:
         """Begin to watch all triggers.
@@ -42,13 +42,13 @@ class OpenTriggers:
         """
         self._watches = [TriggerWatch(t, path, now_ns) for t in self._spec.triggers]
 
-    def has_judged(self, vut: ObjectState) -> bool:
+    def has_evaluated(self, vut: ObjectState) -> bool:
         """Tell whether a state of the VUT is no newer than the last one."""
-        return vut.stamp_ns <= self._judged_ns
+        return vut.stamp_ns <= self._evaluated_ns
 
     def is_in_time(self, vut: ObjectState, now_ns: int) -> bool:
         """Take a state of the VUT as the last one; False, and counted, if it is too old."""
-        self._judged_ns = vut.stamp_ns
+        self._evaluated_ns = vut.stamp_ns
         if now_ns - vut.stamp_ns > seconds_to_ns(self._spec.trigger_age_s):
             self.late_states += 1
             return False

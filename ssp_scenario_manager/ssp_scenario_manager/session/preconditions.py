@@ -42,7 +42,7 @@ def stands(
         least_s: time that its places must cover.
     """
     return (
-        judge.has_stood(state, watch)
+        judge.is_standing(state, watch)
         and watch.net_way_m(judge.STOOD_S)[1] >= least_s
         and abs(ns_to_seconds(now_ns - state.stamp_ns)) <= FRESH_S
         and state.control_state not in (_NOT_ABORTED if aborting else _MOVING)

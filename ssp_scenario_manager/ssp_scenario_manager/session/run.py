@@ -35,7 +35,7 @@ class Run:
     Attributes:
         started_ns: session time; None before the start.
         armed: its objects were commanded to arm.
-        judged_ns: stamp of the VUT's newest state that phases and adaptation were judged at.
+        evaluated_ns: stamp of the VUT's newest state that phases and adaptation were judged at.
     """
 
     def __init__(self, spec: RunSpec, path: Polyline) -> None:
@@ -43,7 +43,7 @@ class Run:
         self.path = path
         self.started_ns: int | None = None
         self.armed = False
-        self.judged_ns = -1
+        self.evaluated_ns = -1
         self.verdict = RunVerdict()
         self.history = StateHistory(spec)
         self.triggers = OpenTriggers(spec)

@@ -44,9 +44,9 @@ class RunScript:
         self._goes_on = start_by_ns is not None and loaded == run_file
         self.problems: tuple[str, ...] = ()
         self.finished = False
-        self.begun = False
+        self.has_begun = False
         self._deadline_ns = now_ns
-        self._reached: SessionPhase | None = None
+        self._furthest_state: SessionPhase | None = None
         self._refusal: tuple[str, ...] = ()
         self._unconfirmed = False
 
@@ -56,9 +56,9 @@ class RunScript:
             return None
         if self._is_late(state, now_ns):
             return None
-        if not self.begun and self._goes_on and state in _NEXT:
-            self.begun = True
-        if not self.begun:
+        if not self.has_begun and self._goes_on and state in _NEXT:
+            self.has_begun = True
+        if not self.has_begun:
             if state in (SessionPhase.IDLE, SessionPhase.LOADED):
                 return SessionEvent.LOAD
             self._end((f"the session is {state.name} already; reset it or clear its abort first",))
@@ -70,8 +70,8 @@ class RunScript:
             self._end(("the session was reset by somebody else",))
             return None
         # Only progress buys more time: an object that never arms must not go on for ever.
-        if self._reached is None or state > self._reached:
-            self._reached = state
+        if self._furthest_state is None or state > self._furthest_state:
+            self._furthest_state = state
             self._refusal = ()
             self._deadline_ns = now_ns + seconds_to_ns(PATIENCE_S)
         event = _NEXT.get(state)
@@ -82,12 +82,12 @@ class RunScript:
 
     def give_up(self, problems: tuple[str, ...]) -> None:
         """Give up a goal whose run no waiting lets begin."""
-        if self.begun and not self.finished:
+        if self.has_begun and not self.finished:
             self._end(problems)
 
     def _is_late(self, state: SessionPhase, now_ns: int) -> bool:
         """Tell whether the word for the goal ran out before the start, which ends the goal."""
-        waits = not self.begun or state in _NEXT
+        waits = not self.has_begun or state in _NEXT
         if self._start_by_ns is None or not waits or now_ns <= self._start_by_ns:
             return False
         self.not_in_time = True
@@ -97,8 +97,8 @@ class RunScript:
 
     def on_answer(self, answer: Answer) -> None:
         """Take the answer to the command that next() named; a final one ends the goal."""
-        if not self.begun:
-            self.begun = answer.accepted
+        if not self.has_begun:
+            self.has_begun = answer.accepted
             if not answer.accepted:
                 self._end(answer.missing or (answer.error_msg,))
         elif not answer.accepted:

@@ -58,7 +58,7 @@ class Session:
         self._run: Run | None = None
         self.vut: ObjectState | None = None
         self.targets: dict[str, ObjectState] = {}
-        self._heard: set[str] = set()  # who has sent a state since the last abort
+        self._senders: set[str] = set()  # who has sent a state since the last abort
         self._standstill_given_up = False
 
     # -- what others may look at --------------------------------------------------------------
@@ -99,7 +99,7 @@ class Session:
         self._run = Run(spec=spec, path=Polyline(spec.vut.approach.path))
         references.prepare(spec)
         # What was heard so far belongs to another run.
-        self.vut, self.targets, self._heard = None, {}, set()
+        self.vut, self.targets, self._senders = None, {}, set()
         self._move(SessionEvent.LOAD, now_ns, f"{spec.scenario} on {spec.site}")
         return Answer(True)
 
@@ -199,7 +199,7 @@ class Session:
         return last_state is None or state.stamp_ns >= last_state.stamp_ns or not self._lasts
 
     def _hear(self, state: ObjectState) -> None:
-        self._heard.add(state.object_id)
+        self._senders.add(state.object_id)
         if self._run is not None:
             self._run.see(state)
 
@@ -243,7 +243,7 @@ class Session:
             return
         heartbeat_s = self._run.spec.limits.heartbeat_s if self._run is not None else 0.0
         # A world that waits for us stands still with us: nothing is late in its time.
-        late_s = 0.0 if self._waited_for else self.late_s
+        late_s = 0.0 if self._is_awaited else self.late_s
         own = limits.own_lateness(violation, late_s, heartbeat_s)
         announced = announced and own is violation
         violation = own
@@ -266,7 +266,7 @@ class Session:
                 run.reason(Verdict.INVALID_HARNESS, text, now_ns)
 
     @property
-    def _waited_for(self) -> bool:
+    def _is_awaited(self) -> bool:
         """Tell whether a simulated world waits for our answer to each step."""
         in_steps = self.state in WATCHED and self.state is not SessionPhase.ARMED
         return in_steps and self._run is not None and self._run.spec.mode == "lockstep"
@@ -319,7 +319,7 @@ class Session:
         targets = self.targets if targets is None else targets
         if run is None or vut is None or self.state is not SessionPhase.RUNNING:
             return []
-        if run.triggers.has_judged(vut) or run.history.has_breaks or not vut.is_finite:
+        if run.triggers.has_evaluated(vut) or run.history.has_breaks or not vut.is_finite:
             return []
         return progress.judge_triggers(run, vut, targets, now_ns)
 
@@ -352,8 +352,8 @@ class Session:
             run.history.take_breaks()
         vut = self.vut
         if self.state is SessionPhase.RUNNING and vut is not None:
-            if vut.stamp_ns > run.judged_ns:
-                run.judged_ns = vut.stamp_ns
+            if vut.stamp_ns > run.evaluated_ns:
+                run.evaluated_ns = vut.stamp_ns
                 if run.triggers.failed is not None:
                     self.fail(run.triggers.failed)
                 if (began := run.event.judge(vut, self.targets)) is not None:
@@ -386,7 +386,7 @@ class Session:
         self.state = next_state(previous, event)
         if event is SessionEvent.ABORT:
             # What was heard before says nothing of what came of it.
-            self._heard.clear()
+            self._senders.clear()
             self.aborts += 1
             self._standstill_given_up = False
         self._tell(previous, event.value, now_ns, reason)
@@ -410,7 +410,7 @@ class Session:
         ids_with_state = {*targets, *([] if vut is None else [run.spec.vut.id])}
         moving = preconditions.moving
         unknown = set(moving(run.spec, vut, targets, run.history.motion, now_ns, armed=run.armed))
-        who = sorted(unknown | (ids_with_state - self._heard))
+        who = sorted(unknown | (ids_with_state - self._senders))
         return [f"{i} is not known to stand" for i in who]
 
     def _abort_by_operator(self, now_ns: int, requested_by: str, reason: str) -> None:

@@ -16,7 +16,7 @@ from ssp_core.safety.limits import (
     Continuity,
     LimitViolation,
     follow,
-    has_stood,
+    is_standing,
     outside_geofence,
     state_contradicts,
 )
@@ -75,7 +75,7 @@ class StateHistory:
                 )
             heading = self.headings.get(state.object_id)
             if heading is not None and started:
-                turned = heading.see(state, stands=has_stood(state, watch))
+                turned = heading.see(state, stands=is_standing(state, watch))
                 breaks.append(of_object(turned, state.object_id, state.stamp_ns))
         if breaks:
             self._breaks += [violation for violation in breaks if violation is not None]

@@ -22,7 +22,7 @@ from ssp_core.safety.liveness import (
     lockstep_participants,
     signs_of_life,
 )
-from ssp_core.safety.object_rules import HeardRules
+from ssp_core.safety.object_rules import ReceivedRules
 from ssp_core.safety.publishers import LONGEST_TOLD, MOST_TOLD
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.session.limits import LATE_S, Violation, of_object, silent, too_many
@@ -37,15 +37,15 @@ class LivenessMonitor:
 
     def __init__(self, links: LinkClocks | None = None) -> None:
         self.links = links or LinkClocks()
-        self.rules = HeardRules()
+        self.rules = ReceivedRules()
         self.recorder_ready = False
         self.recorder_missing: tuple[str, ...] = ()
         self.recorder_lost = 0
         self._vut_refused = ""
         # By topic that one node alone may publish: how many others do, and who.
         self.foreign: dict[str, tuple[int, str]] = {}
-        self._heard_ns: dict[str, int] = {}
-        self._answered: set[str] = set()
+        self._last_sign_ns: dict[str, int] = {}
+        self._responders: set[str] = set()
         self._bodies: dict[str, tuple[BodyStatus, int]] = {}
         # Of the last command to arm: by object, why not, and when the last refusal came.
         self._refusals: dict[str, str] = {}
@@ -54,7 +54,7 @@ class LivenessMonitor:
         self._table: tuple[RunSpec, SessionPhase, tuple[SignOfLife, ...]] | None = None
 
     def hear(self, who: str, steady_ns: int) -> None:
-        self._heard_ns[who] = steady_ns
+        self._last_sign_ns[who] = steady_ns
 
     def hear_hold(self, steady_ns: int) -> None:
         """Take the world's word that it holds at a step for a driver's answer.
@@ -62,13 +62,13 @@ class LivenessMonitor:
         Until it goes on there is no state of the VUT, and no frame.
         """
         for who in (names.VUT_ID, names.FRONT_CAMERA):
-            if who in self._heard_ns:
+            if who in self._last_sign_ns:
                 self.hear(who, steady_ns)
 
     def excuse(self, pause_ns: int, steady_ns: int) -> None:
         """Excuse others' silence in a pause in which the manager itself heard nothing."""
-        for who, heard_ns in self._heard_ns.items():
-            self._heard_ns[who] = min(heard_ns + pause_ns, steady_ns)
+        for who, heard_ns in self._last_sign_ns.items():
+            self._last_sign_ns[who] = min(heard_ns + pause_ns, steady_ns)
 
     def hear_recorder(
         self, ready: bool, missing: tuple[str, ...], lost: int, steady_ns: int
@@ -79,7 +79,7 @@ class LivenessMonitor:
 
     def hear_answer(self, participant: str) -> None:
         """Take a participant's answer to a step of the simulated world (StepDone.msg)."""
-        self._answered.add(participant)
+        self._responders.add(participant)
 
     def hear_strangers(self, texts: Sequence[str]) -> None:
         """Take topics with more publishers than they should have, by their messages' numbers."""
@@ -96,7 +96,7 @@ class LivenessMonitor:
         """Take the report of a live object's process on its body (BodyStatus.msg)."""
         self._bodies[status.object_id] = status, steady_ns
 
-    def told_to_arm(self) -> None:
+    def begin_arming(self) -> None:
         """Forget refusals, since all objects are asked anew."""
         self._refusals, self._refusal_lasts = {}, False
 
@@ -129,7 +129,7 @@ class LivenessMonitor:
 
     def age_s(self, who: str, steady_ns: int) -> float:
         """Return seconds since the last sign of life, inf before the first."""
-        sign_ns = self._heard_ns.get(who)
+        sign_ns = self._last_sign_ns.get(who)
         return math.inf if sign_ns is None else ns_to_seconds(steady_ns - sign_ns)
 
     def facts(self, spec: RunSpec | None, steady_ns: int) -> Facts:
@@ -142,12 +142,12 @@ class LivenessMonitor:
         in_steps = spec is not None and spec.mode == "lockstep"
         awaited = lockstep_participants(spec) if spec is not None and in_steps else ()
         return Facts(
-            ages_s={who: self.age_s(who, steady_ns) for who in self._heard_ns},
+            ages_s={who: self.age_s(who, steady_ns) for who in self._last_sign_ns},
             links={i: self.links.link(i, steady_ns) for i in ids},
             recorder_ready=self.recorder_ready,
             recorder_missing=self.recorder_missing,
             recorder_lost=self.recorder_lost,
-            unanswered=tuple(who for who in awaited if who not in self._answered),
+            unanswered=tuple(who for who in awaited if who not in self._responders),
             vut_refused=self._vut_refused if adapted else "",
             rules=self.rules.checks(spec) if spec else {},
             other_managers=self.other_managers,
@@ -268,9 +268,9 @@ class Supervisor:
         self._awake_ns: int | None = None
         self._late = 0, 0.0
 
-    def objects_were_told_to_arm(self, steady_ns: int) -> None:
+    def on_arm_commands(self, steady_ns: int) -> None:
         self._arming_since_ns = steady_ns
-        self._liveness.told_to_arm()
+        self._liveness.begin_arming()
 
     def wake(self, steady_ns: int) -> None:
         """Record a wake-up of the manager, and how late it was of late."""

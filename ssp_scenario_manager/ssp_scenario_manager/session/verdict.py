@@ -23,7 +23,7 @@ class RunVerdict:
         self.value = Verdict.NONE
         self.reasons: list[str] = []
         self._closed = False
-        self._given: set[str] = set()
+        self._texts: set[str] = set()
         self._blamed: set[tuple[SafetyCode, str]] = set()
 
     def blame(self, violation: Violation, at_s: float | None) -> bool:
@@ -48,9 +48,9 @@ class RunVerdict:
             text: the reason.
             at_s: since the start of the run; None: it hasn't started.
         """
-        if self._closed or text in self._given:
+        if self._closed or text in self._texts:
             return
-        self._given.add(text)
+        self._texts.add(text)
         if not self.reasons:
             self.value = verdict
         self.reasons.append(text if at_s is None else f"{text} at {at_s:.2f} s")

@@ -50,7 +50,16 @@ class Snapshot:
         phases: session times at which phases of the event began, as far as that is known.
     """
 
-    __slots__ = ("_age_ns", "_front_m", "_known", "_meetings", "_targets", "path", "phases", "vut")
+    __slots__ = (
+        "_age_ns",
+        "_extrapolated_states",
+        "_front_m",
+        "_meetings",
+        "_targets",
+        "path",
+        "phases",
+        "vut",
+    )
 
     def __init__(
         self,
@@ -65,7 +74,7 @@ class Snapshot:
         self.phases = phases
         self._targets = targets
         self._age_ns = state_age_ns
-        self._known: dict[str, ObjectState | None] = {}
+        self._extrapolated_states: dict[str, ObjectState | None] = {}
         self._meetings: dict[str, Encounter | None] = {}
         self._front_m: float | None = None
 
@@ -75,9 +84,9 @@ class Snapshot:
 
     def state(self, object_id: str) -> ObjectState | None:
         """Return the state of the VUT or an object at the snapshot's stamp; None: unknown."""
-        if object_id not in self._known:
-            self._known[object_id] = self._extrapolated(object_id)
-        return self._known[object_id]
+        if object_id not in self._extrapolated_states:
+            self._extrapolated_states[object_id] = self._extrapolated(object_id)
+        return self._extrapolated_states[object_id]
 
     def _extrapolated(self, object_id: str) -> ObjectState | None:
         state = self.vut if object_id == VUT_ID else self._targets.get(object_id)

@@ -104,11 +104,11 @@ class _Tracker:
     The first changes that it takes are those of all of them.
     """
 
-    __slots__ = ("_condition", "_wanted", "cause", "holds", "opposite_seen", "parts", "since")
+    __slots__ = ("_condition", "_target_truth", "cause", "holds", "opposite_seen", "parts", "since")
 
     def __init__(self, condition: Condition, target_truth: bool) -> None:
         self._condition = condition
-        self._wanted = target_truth
+        self._target_truth = target_truth
         self.parts: dict[int, _Change] = {}
         self.holds: bool | None = None
         self.since = 0
@@ -123,7 +123,7 @@ class _Tracker:
         if holds is not self.holds:
             self.holds, self.since = holds, changes[0].order // 2
             self.cause = next((c for c in changes if c.holds is holds), None)
-        self.opposite_seen |= holds is (not self._wanted)
+        self.opposite_seen |= holds is (not self._target_truth)
 
 
 class TriggerWatch:
@@ -144,7 +144,7 @@ class TriggerWatch:
         self._started_ns = started_ns
         self.begin_ns = started_ns + seconds_to_ns(spec.not_before_s)
         self._held_ns = seconds_to_ns(spec.held_for_s)
-        self._wanted = spec.edge != "falling"
+        self._target_truth = spec.edge != "falling"
         self._course = self._new_course()
         self._readings: list[Reading] = []
         self._first_ns = 0
@@ -152,7 +152,7 @@ class TriggerWatch:
         self._log: list[_Change] = []
 
     def _new_course(self) -> _Tracker:
-        return _Tracker(self.spec.condition, self._wanted)
+        return _Tracker(self.spec.condition, self._target_truth)
 
     @property
     def values(self) -> list[tuple[Quantity, float]]:
@@ -173,7 +173,7 @@ class TriggerWatch:
         self._readings = [one.read(snapshot) for one in self._questions]
         self._follow(self._changes(before))
         course = self._course
-        if course.holds is not self._wanted or stamp_ns - course.since < self._held_ns:
+        if course.holds is not self._target_truth or stamp_ns - course.since < self._held_ns:
             return None
         if self.spec.edge != "none" and not course.opposite_seen:
             return None

@@ -17,7 +17,7 @@ from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver
 from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start
 from ssp_scenario_manager.closed_loop.contact import with_vut
 from ssp_scenario_manager.closed_loop.outcomes.outcome import (
-    Drove,
+    DriverRun,
     Outcome,
     outcome_of,
     severity_of,
@@ -40,7 +40,7 @@ def start(tmp_path_factory: pytest.TempPathFactory) -> Start:
 
 
 @pytest.fixture(scope="module")
-def steady(start: Start) -> Drove:
+def steady(start: Start) -> DriverRun:
     return drive_start(start, CampaignDriver(driver="no_response"), ZERO_LATENCY)
 
 
@@ -48,7 +48,7 @@ def vut_of(report: StepReport) -> ObjectState:
     return next(state for state in report.truths if state.object_id == "vut")
 
 
-def aside(steady: Drove, start: Start, *others: ObjectState) -> list[StepReport]:
+def aside(steady: DriverRun, start: Start, *others: ObjectState) -> list[StepReport]:
     """Return a drive to the right from the hand-over on, past others that stand."""
     from_ns = seconds_to_ns(start.hand_over_s)
 
@@ -63,14 +63,14 @@ def aside(steady: Drove, start: Start, *others: ObjectState) -> list[StepReport]
 
 
 @pytest.fixture(scope="module")
-def leaves(steady: Drove, start: Start) -> ObjectState:
+def leaves(steady: DriverRun, start: Start) -> ObjectState:
     """The VUT at the first step with a corner beside the carriageway."""
     states = [vut_of(report) for report in aside(steady, start)]
     return next(s for s in states if min(y for _, y in s.box.corners()) < EDGE_M - 1e-9)
 
 
 def outcome_with(
-    steady: Drove,
+    steady: DriverRun,
     start: Start,
     body: SceneryItem | ObjectState | None,
     **road: Any,
@@ -134,7 +134,7 @@ OFF = "a corner 0."
     ],
 )
 def test_a_vut_that_leaves_its_lane_touches_or_has_left_the_road_whichever_is_first(
-    steady: Drove,
+    steady: DriverRun,
     start: Start,
     leaves: ObjectState,
     body: Callable[[ObjectState], SceneryItem | ObjectState | None],
@@ -157,7 +157,7 @@ MEDIAN = {
 
 
 def test_a_tree_between_the_carriageways_is_hit_without_having_left_the_road(
-    steady: Drove, start: Start, leaves: ObjectState
+    steady: DriverRun, start: Start, leaves: ObjectState
 ) -> None:
     tree = Tree(type="tree", s_m=leaves.x_m + 20.0, l_m=EDGE_M - 0.4)
     outcome = outcome_with(steady, start, None, **MEDIAN)

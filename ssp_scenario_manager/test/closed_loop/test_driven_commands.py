@@ -24,7 +24,7 @@ from ssp_scenario_manager.closed_loop.outcomes.outcome import (
 )
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
 from ssp_scenario_manager.closed_loop.single_run.before import Before, before_of_folder
-from ssp_scenario_manager.closed_loop.single_run.sessions import told_of_session
+from ssp_scenario_manager.closed_loop.single_run.sessions import session_summary
 from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
@@ -113,16 +113,16 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
     run = load_run(first / "run.yaml")
     view = (again / "top_view.svg").read_bytes()
     (again / "top_view.svg").unlink()
-    told, why = told_of_session(None, None, run, again / "bag")
+    told, why = session_summary(None, None, run, again / "bag")
     assert (told["driven"], why) == (results[0], "")
     assert (again / "top_view.svg").read_bytes() == view
     changed = Before("another run", dict.fromkeys(RUN_COLUMNS, ""))
-    told, why = told_of_session(changed, None, run, again / "bag")
+    told, why = session_summary(changed, None, run, again / "bag")
     assert (told["driven"]["outcome"], why[:11]) == (HARNESS, "it isn't th")
     assert f"{HARNESS} at" in (again / "top_view.svg").read_text()
     assert run.driven is not None
     later = run.driven.model_copy(update={"latency": Latency(0.5)})
-    told, why = told_of_session(None, None, run.model_copy(update={"driven": later}), again / "bag")
+    told, why = session_summary(None, None, run.model_copy(update={"driven": later}), again / "bag")
     assert (told["driven"]["outcome"], told["driven"]["severity"]) == ("harness", None)
     assert "aren't those of one process" in why
     assert told["driven"]["why"] == why
@@ -152,7 +152,7 @@ def test_an_operators_abort_is_the_last_fact_of_a_recorded_session(
     assert result.verdict.name == "ABORTED"
     # A run file that was given without the fault tells the same.
     for spec in (run, aborted) if kind == "fence" else (run,):
-        told, why = told_of_session(None, None, spec, tmp_path / "bag")
+        told, why = session_summary(None, None, spec, tmp_path / "bag")
         found = told["driven"]
         assert (found["outcome"], why) == (kind, ""), found["why"]
         assert found["outcome_s"] == pytest.approx(decided_s, abs=0.03)
@@ -160,7 +160,7 @@ def test_an_operators_abort_is_the_last_fact_of_a_recorded_session(
         assert found["why"].startswith("abort by operator: injected fault")
     # It is held against no other run: an operator does nothing twice.
     other = Before("another run", dict.fromkeys(RUN_COLUMNS, ""))
-    assert told_of_session(other, None, run, tmp_path / "bag") == (told, "")
+    assert session_summary(other, None, run, tmp_path / "bag") == (told, "")
     written = {"in_process": False, "verdict": "aborted", "driven": found}
     (tmp_path / "result.json").write_text(json.dumps(written))
     assert before_of_folder(tmp_path) is None

@@ -19,14 +19,14 @@ from ssp_core.world.driver import Answer, GivenAnswer, LatencyParts, Question
 from ssp_core.world.plant import StepReport
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
-from ssp_scenario_manager.closed_loop.campaigns.seal import _drawn
+from ssp_scenario_manager.closed_loop.campaigns.seal import _draw_facts
 from ssp_scenario_manager.closed_loop.contact import contact_words, first_contact, until
 from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcomes.outcome import (
     Outcome,
+    driven_summary,
     figures_of,
     outcome_of,
-    told_of,
 )
 from ssp_scenario_manager.closed_loop.single_run.top_view import top_view
 from ssp_scenario_manager.closed_loop.starts.start import ShortRunUp, Start, make_start, twin_of
@@ -72,15 +72,15 @@ def driven(
 
 
 @pytest.fixture(scope="module")
-def drove(start: Start) -> Callable[..., Driven]:
+def drive_baseline(start: Start) -> Callable[..., Driven]:
     """Drives the start by a baseline, each run once for all tests, which only read it."""
     return cache(partial(driven, start))
 
 
 @pytest.fixture(scope="module")
-def built_in(drove: Callable[..., Driven]) -> Record:
+def built_in(drive_baseline: Callable[..., Driven]) -> Record:
     """The built-in driver's event-free run."""
-    return drove("built_in", event=False)[2]
+    return drive_baseline("built_in", event=False)[2]
 
 
 class Scripted(baselines.ConstantVelocity):
@@ -141,8 +141,8 @@ def test_a_seed_without_time_for_the_hand_over_is_counted_apart_from_another_eve
     """The same seed is critical where the largest latency is smaller."""
     event_file = str(compiled_folder / TASK_FOLDER / EVENT_FILE)
     told = compiled.model_dump_json(by_alias=True)
-    assert _drawn(told, event_file, (2.0, 0.0), SEED)[0] == "critical"
-    kind, facts = _drawn(told, event_file, (9.0, 0.0), SEED)
+    assert _draw_facts(told, event_file, (2.0, 0.0), SEED)[0] == "critical"
+    kind, facts = _draw_facts(told, event_file, (9.0, 0.0), SEED)
     assert (kind, facts["seed"]) == ("short_run_up", SEED)
     assert facts["why"].startswith("the run-up is too short")
 
@@ -157,22 +157,22 @@ def test_the_twin_at_the_times_of_its_triggers_is_the_twin_to_the_last_bit(start
 
 
 def test_no_response_reproduces_the_twin_and_constant_velocity_comes_near(
-    start: Start, drove: Callable[..., Driven]
+    start: Start, drive_baseline: Callable[..., Driven]
 ) -> None:
     assert start.contact is not None
-    still, _, _ = drove("no_response")
+    still, _, _ = drive_baseline("no_response")
     assert (still.kind, still.contact) == ("collision", start.contact)
     for latency_s in ((), (2.0,)):
-        steady, _, _ = drove("constant_velocity", *latency_s)
+        steady, _, _ = drive_baseline("constant_velocity", *latency_s)
         assert steady.contact is not None
         assert abs(steady.contact.relative_mps - start.contact.relative_mps) <= 0.05
 
 
 def test_objects_move_alike_whatever_the_vut_does(
-    start: Start, drove: Callable[..., Driven]
+    start: Start, drive_baseline: Callable[..., Driven]
 ) -> None:
     """Byte by byte, for a VUT that stops at once and one that never brakes."""
-    records = [drove(name)[2] for name in ("stop_at_once", "constant_velocity")]
+    records = [drive_baseline(name)[2] for name in ("stop_at_once", "constant_velocity")]
     rows = [[repr(s) for s in record.truths("ot1")] for record in records]
     arrived = [[repr(s) for s in record.arrived("ot1")] for record in records]
     # The earlier end is that of the run with the contact; objects brake behind it.
@@ -183,12 +183,12 @@ def test_objects_move_alike_whatever_the_vut_does(
 
 
 def test_the_oracle_avoids_and_whoever_brakes_for_nothing_gains_nothing(
-    start: Start, built_in: Record, drove: Callable[..., Driven]
+    start: Start, built_in: Record, drive_baseline: Callable[..., Driven]
 ) -> None:
     def headline(driver: str) -> bool:
-        event, _, _ = drove(driver)
+        event, _, _ = drive_baseline(driver)
         run = start.driven_by(driver, {}, Latency(0.0), event=False)
-        alone, _, free = drove(driver, event=False)
+        alone, _, free = drive_baseline(driver, event=False)
         assert run.driven is not None
         needless = needless_in(run, run.driven, free, built_in, alone)
         return event.kind == "avoided" and not needless
@@ -323,12 +323,12 @@ def test_a_way_to_game_it_gains_no_headline(
 
 
 def test_what_the_session_brakes_behind_a_contact_is_not_the_drivers(
-    start: Start, built_in: Record, drove: Callable[..., Driven]
+    start: Start, built_in: Record, drive_baseline: Callable[..., Driven]
 ) -> None:
     """A run is judged up to its deciding fact; behind it our session stops the VUT."""
     run = start.driven_by("no_response", {}, Latency(0.0), event=False)
     assert run.driven is not None
-    alone, _, free = drove("no_response", event=False)
+    alone, _, free = drive_baseline("no_response", event=False)
     decided_s = run.driven.end_s - 2.0
 
     def braked(report: StepReport) -> StepReport:
@@ -344,11 +344,11 @@ def test_what_the_session_brakes_behind_a_contact_is_not_the_drivers(
 
 
 def test_a_vut_that_stands_is_struck_and_one_off_its_twin_is_ours(
-    start: Start, drove: Callable[..., Driven]
+    start: Start, drive_baseline: Callable[..., Driven]
 ) -> None:
     run = start.driven_by("stop_at_once", {}, Latency(0.0))
     assert run.driven is not None
-    _, result, record = drove("stop_at_once")
+    _, result, record = drive_baseline("stop_at_once")
 
     def hit(report: StepReport) -> StepReport:
         vut = next(s for s in report.truths if s.object_id == "vut")
@@ -369,9 +369,11 @@ def test_a_vut_that_stands_is_struck_and_one_off_its_twin_is_ours(
     assert outcome_of(run, run.driven, result, record, off).kind == "harness"
 
 
-def test_a_contact_says_who_entered_whose_lane(start: Start, drove: Callable[..., Driven]) -> None:
+def test_a_contact_says_who_entered_whose_lane(
+    start: Start, drive_baseline: Callable[..., Driven]
+) -> None:
     run = start.driven_by("constant_velocity", {}, Latency(0.0))
-    _, _, record = drove("constant_velocity")
+    _, _, record = drive_baseline("constant_velocity")
     led = until(record.reports, start.hand_over_s, start.end_s)
     before = {s.object_id: s for s in led[0].truths}
     vut, other = before["vut"], before["ot1"]
@@ -425,7 +427,7 @@ def test_a_driver_that_is_asked_nothing_has_no_latency(
     assert run.driven is not None
     result, record = run_in_process(run)
     outcome = outcome_of(run, run.driven, result, record, start.twin)
-    told = told_of(run.driven, record, outcome, None)
+    told = driven_summary(run.driven, record, outcome, None)
     figures = told["measured"]
     assert (figures["answers"], figures["p50_s"], figures["p99_s"]) == (0, None, None)
     say_driven({**told, "needless": ""})
@@ -442,7 +444,7 @@ def test_what_result_json_says_of_a_driven_run(start: Start) -> None:
     outcome, _, record = driven(start, "oracle", 0.4)
     run = start.driven_by("oracle", {}, Latency(0.4))
     assert run.driven is not None
-    told = json.loads(json.dumps(told_of(run.driven, record, outcome, start.v_r_mps)))
+    told = json.loads(json.dumps(driven_summary(run.driven, record, outcome, start.v_r_mps)))
     assert (told["outcome"], told["severity"], told["frames"]) == ("avoided", 5.0, False)
     chain = told["chain"]
     assert chain["observable_s"] <= chain["frame_s"] < chain["observable_s"] + 0.1

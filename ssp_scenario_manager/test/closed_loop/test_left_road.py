@@ -17,7 +17,7 @@ from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver
 from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start
 from ssp_scenario_manager.closed_loop.contact import until
-from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove, left_road
+from ssp_scenario_manager.closed_loop.outcomes.outcome import DriverRun, left_road
 from ssp_scenario_manager.closed_loop.single_run.single import next_start
 from ssp_scenario_manager.closed_loop.starts.start import Start
 from ssp_scenario_manager.event_spec.load import load_event
@@ -48,7 +48,7 @@ def start_of() -> Callable[[str], Start]:
 
 
 @pytest.fixture(scope="module")
-def turned_on(start_of: Callable[[str], Start]) -> Callable[[str], Drove]:
+def turned_on(start_of: Callable[[str], Start]) -> Callable[[str], DriverRun]:
     """Turns at a site by the built-in driver, once for all tests, which only read it."""
     built_in = CampaignDriver(driver="built_in")
     return cache(lambda site: drive_start(start_of(site), built_in, ZERO_LATENCY, event=False))
@@ -65,7 +65,7 @@ def turned_on(start_of: Callable[[str], Start]) -> Callable[[str], Drove]:
 )
 def test_a_vut_that_turns_as_its_lane_does_stays_in_it(
     start_of: Callable[[str], Start],
-    turned_on: Callable[[str], Drove],
+    turned_on: Callable[[str], DriverRun],
     site: str,
     driver: str,
     latency: Latency,
@@ -91,7 +91,7 @@ def outside_m(start: Start, led: Sequence[StepReport]) -> float:
 
 @pytest.mark.parametrize("site", LEFT_TURNS)
 def test_a_swing_out_of_the_lane_within_the_junction_stays_on_the_road(
-    start_of: Callable[[str], Start], turned_on: Callable[[str], Drove], site: str
+    start_of: Callable[[str], Start], turned_on: Callable[[str], DriverRun], site: str
 ) -> None:
     """The way leads over connecting roads and the ground that the roads of a junction enclose."""
     start = start_of(site)
@@ -112,7 +112,7 @@ def test_a_swing_out_of_the_lane_within_the_junction_stays_on_the_road(
 @pytest.mark.parametrize(("inside_m", "leaves"), [(0.5, False), (-0.9, True)])
 def test_a_corner_that_is_cut_over_the_grass_is_off_the_road(
     start_of: Callable[[str], Start],
-    turned_on: Callable[[str], Drove],
+    turned_on: Callable[[str], DriverRun],
     site: str,
     inside_m: float,
     leaves: bool,
@@ -141,7 +141,7 @@ def test_a_corner_that_is_cut_over_the_grass_is_off_the_road(
 
 
 def test_a_vut_where_the_road_has_no_coordinates_is_off_the_road(
-    start_of: Callable[[str], Start], turned_on: Callable[[str], Drove]
+    start_of: Callable[[str], Start], turned_on: Callable[[str], DriverRun]
 ) -> None:
     """The VUT is on the grass beyond the middle of the bend, equally far from both arms."""
     start = start_of("crossroads")

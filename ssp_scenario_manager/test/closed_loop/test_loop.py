@@ -554,7 +554,7 @@ class TestOnACluster:
         def rows_on_cluster(job: Job) -> JobRows:
             if job.driver.driver == "no_response":
                 return rows_of(job)
-            found = [row for row in kept if row[4] == job.driver.shown]
+            found = [row for row in kept if row[4] == job.driver.display_name]
             return JobRows(found, [() for _ in found])
 
         def cut_off(count: int, _: int) -> None:

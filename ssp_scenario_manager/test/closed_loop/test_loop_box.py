@@ -18,7 +18,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import FollowPath, ParticipantSpec
 from ssp_scenario_manager.closed_loop.campaigns import seal
 from ssp_scenario_manager.closed_loop.single_run.single import Drive, driven_run
-from ssp_scenario_manager.closed_loop.starts.box import drawn_run, gap_draw
+from ssp_scenario_manager.closed_loop.starts.box import draw_run_values, gap_draw
 from ssp_scenario_manager.closed_loop.starts.places import Places
 from ssp_scenario_manager.closed_loop.starts.start import make_start, prepared
 from ssp_scenario_manager.compile.targets.folder import prepare_run
@@ -96,15 +96,15 @@ def with_interval(event: Event, field: str, value: dict[str, Any]) -> Event:
 
 def begun(task: Task, event: Event, seed: int) -> tuple[RunSpec, dict[str, float]]:
     """The run of a seed with all that is drawn of it, and a long run-up."""
-    drawn, values = drawn_run(prepared(task.run), event, seed, task.tunings_of(task.run))
+    drawn, values = draw_run_values(prepared(task.run), event, seed, task.tunings_of(task.run))
     gaps = gap_draw(drawn, event, seed)
     if gaps.bounds_m is not None:
-        drawn, lengths = gaps.with_gap(gaps.drawn_m(1000.0))
+        drawn, lengths = gaps.with_gap(gaps.draw_m(1000.0))
         values |= lengths
     return drawn, values
 
 
-def not_drawn(task: Task, event: Event, among: Iterable[str]) -> set[str]:
+def unused_intervals(task: Task, event: Event, among: Iterable[str]) -> set[str]:
     """Return those of some intervals of an event whose ends are nothing to its starts."""
     spans, found = dict(intervals(event)), set()
     as_it_is = {seed: begun(task, event, seed) for seed in (1, 2)}
@@ -122,7 +122,7 @@ def test_each_interval_is_drawn_or_named_with_a_reason(
     task_of: Callable[[str], Task], name: str
 ) -> None:
     event = load_event(name)[0]
-    left = not_drawn(task_of(name), event, [field for field, _ in intervals(event)])
+    left = unused_intervals(task_of(name), event, [field for field, _ in intervals(event)])
     named = {
         field
         for field, _ in intervals(event)
@@ -133,7 +133,7 @@ def test_each_interval_is_drawn_or_named_with_a_reason(
     span = {"min": 1, "max": 2, "unit": "s"}
     pause = "constraints.manoeuvre.pause"
     more = with_interval(event, pause, span)
-    assert not_drawn(task_of(name), more, [pause]) == {pause}
+    assert unused_intervals(task_of(name), more, [pause]) == {pause}
 
 
 def test_each_reason_is_that_of_an_interval() -> None:
@@ -176,7 +176,7 @@ def test_who_waits_before_a_junction_stands_at_a_drawn_distance_to_its_line(
     before, way = initiator(task.run)
     line, found = Polyline(way), []
     for seed in SEEDS:
-        run, values = drawn_run(prepared(task.run), event, seed, tunings)
+        run, values = draw_run_values(prepared(task.run), event, seed, tunings)
         one, path = initiator(run)
         assert span.si.low <= values[LINE] <= span.si.high
         station_m, beside_m = line.project_beyond(one.start.x_m, one.start.y_m)
@@ -207,7 +207,7 @@ def test_who_crosses_stands_at_a_drawn_distance_to_the_kerb(
     before, way = initiator(task.run)
     found = []
     for seed in SEEDS:
-        run, values = drawn_run(prepared(task.run), event, seed, tunings)
+        run, values = draw_run_values(prepared(task.run), event, seed, tunings)
         one, path = initiator(run)
         # Both sites drive along x, and it comes from the right.
         further_m = values[KERB] - tunings[KERB].value
@@ -233,12 +233,12 @@ def test_a_distance_is_drawn_from_what_the_fence_leaves(task_of: Callable[[str],
     tunings = task.tunings_of(tight)
     values, free = [], []
     for seed in SEEDS:
-        drawn, found = drawn_run(prepared(tight), event, seed, tunings)
+        drawn, found = draw_run_values(prepared(tight), event, seed, tunings)
         stands = initiator(drawn)[0]
         box = Box(stands.start.pose, stands.size.front_m, stands.size.rear_m, stands.size.width_m)
         assert all(point_in_polygon(*corner, fence) for corner in box.corners())
         values.append(found[LINE])
-        free.append(drawn_run(prepared(task.run), event, seed, tunings)[1][LINE])
+        free.append(draw_run_values(prepared(task.run), event, seed, tunings)[1][LINE])
     assert 6.8 < max(values) <= 7.0
     assert max(free) > 8.0
 
@@ -254,7 +254,7 @@ def test_a_vehicle_over_a_junction_is_as_fast_as_road_and_bend_allow(
         assert isinstance(span, Interval)
         assert most is not None
         assert span.si.low < most < span.si.high
-        found = [drawn_run(task.run, event, seed, tunings)[1][SPEED] for seed in SEEDS]
+        found = [draw_run_values(task.run, event, seed, tunings)[1][SPEED] for seed in SEEDS]
         assert span.si.low <= min(found) < max(found) <= most
 
 
@@ -263,12 +263,12 @@ def test_what_the_compiler_knew_alone_stays_as_compiled_without_its_task(
 ) -> None:
     """The quantities drawn without the task keep their values with it."""
     task, event = task_of("oncoming_turn"), load_event("oncoming_turn")[0]
-    with_task = drawn_run(task.run, event, 3, task.tunings_of(task.run))[1]
-    without = drawn_run(task.run, event, 3)[1]
+    with_task = draw_run_values(task.run, event, 3, task.tunings_of(task.run))[1]
+    without = draw_run_values(task.run, event, 3)[1]
     assert with_task.keys() - without.keys() == {SPEED}
     assert without.items() <= with_task.items()
     walks, event = task_of("vru_crossing"), load_event("vru_crossing")[0]
-    assert KERB not in drawn_run(walks.run, event, 3)[1]
+    assert KERB not in draw_run_values(walks.run, event, 3)[1]
 
 
 def test_a_task_says_nothing_of_objects_that_were_moved_since(
@@ -305,6 +305,8 @@ def test_one_run_and_a_campaign_draw_by_the_task(
     driven = driven_run(run, event_file, Drive("oracle", {}, ZERO_LATENCY), lambda _: None)
     compiled, one = (each.targets[0].start.y_m for each in (run, driven))
     assert compiled != one
-    kind, facts = seal._drawn(run.model_dump_json(by_alias=True), str(event_file), (0.0, 0.0), 2)
+    kind, facts = seal._draw_facts(
+        run.model_dump_json(by_alias=True), str(event_file), (0.0, 0.0), 2
+    )
     assert kind in seal.KINDS
     assert facts["values"][KERB] == pytest.approx(0.75 + compiled - one, abs=1e-6)

@@ -28,9 +28,9 @@ from ssp_scenario_manager.closed_loop.campaigns.runs import (
 )
 from ssp_scenario_manager.closed_loop.contact import first_contact
 from ssp_scenario_manager.closed_loop.outcomes.needless import needless_of
-from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove, outcome_of
+from ssp_scenario_manager.closed_loop.outcomes.outcome import DriverRun, outcome_of
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
-from ssp_scenario_manager.closed_loop.single_run.single import told_of_run
+from ssp_scenario_manager.closed_loop.single_run.single import driven_run_summary
 from ssp_scenario_manager.closed_loop.starts.start import NoStart, Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
@@ -76,7 +76,7 @@ def start_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[
 
 
 @pytest.fixture(scope="module")
-def steady_of(start_of: Callable[[str], tuple[Start, Record]]) -> Callable[[str], Drove]:
+def steady_of(start_of: Callable[[str], tuple[Start, Record]]) -> Callable[[str], DriverRun]:
     """Drives the start of an event at constant velocity, once for all tests, which only read it."""
     constant = CampaignDriver(driver="constant_velocity")
     return cache(lambda event: drive_start(start_of(event)[0], constant, LATENCY))
@@ -242,7 +242,7 @@ def test_a_dip_is_avoided_and_needless_in_a_campaigns_row_and_in_a_runs_result(
     sealed = json.dumps({"event": "crossing_car", "kind": "critical", **start.sealed()})
     (row,) = rows_of(Job(sealed, SCRIPTED, (LATENCY,), repeats=1, seed=1)).rows
     drove = drive_start(start, SCRIPTED, LATENCY)
-    told = told_of_run(drove.run, drove.result, drove.record)[0]["driven"]
+    told = driven_run_summary(drove.run, drove.result, drove.record)[0]["driven"]
     for said in (dict(zip(RUN_COLUMNS, row, strict=True)), told):
         assert said["outcome"] == "avoided"
         assert said["needless"] == "driven as here, it has no contact in the event either"
@@ -264,7 +264,7 @@ def test_the_event_is_laid_over_its_twin_only_where_both_have_a_way_up_to_t_end(
 
 
 def test_a_run_that_ends_before_t_end_avoids_nothing(
-    start_of: Callable[[str], tuple[Start, Record]], steady_of: Callable[[str], Drove]
+    start_of: Callable[[str], tuple[Start, Record]], steady_of: Callable[[str], DriverRun]
 ) -> None:
     """A record that is cut half a second before its contact has none, and isn't a success."""
     start, _ = start_of("crossing_car")
@@ -278,7 +278,7 @@ def test_a_run_that_ends_before_t_end_avoids_nothing(
 
 
 def test_constant_velocity_gains_none_either_and_the_oracle_does(
-    start_of: Callable[[str], tuple[Start, Record]], steady_of: Callable[[str], Drove]
+    start_of: Callable[[str], tuple[Start, Record]], steady_of: Callable[[str], DriverRun]
 ) -> None:
     """The tests above would pass for a session in which nothing can be avoided."""
     oracle = CampaignDriver(driver="oracle")
@@ -320,7 +320,7 @@ def test_objects_move_alike_on_every_event_and_braking_for_nothing_gains_nothing
 
 
 def test_constant_velocity_is_asked_first_at_its_twins_speed_and_has_its_speed_of_contact(
-    start_of: Callable[[str], tuple[Start, Record]], steady_of: Callable[[str], Drove]
+    start_of: Callable[[str], tuple[Start, Record]], steady_of: Callable[[str], DriverRun]
 ) -> None:
     """A hundredth of a metre per second more or less is a later contact, in a bend another v_r."""
     for event in EVENTS:

@@ -40,7 +40,7 @@ from ssp_scenario_manager.closed_loop.campaigns.runs import jobs_of, rows_of
 from ssp_scenario_manager.closed_loop.campaigns.seal import sealed_starts
 from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS, Outcome
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, rows_there
-from ssp_scenario_manager.closed_loop.single_run.single import kept_answers
+from ssp_scenario_manager.closed_loop.single_run.single import load_repeated_answers
 from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
 from tests.support.processes.waiting import DEADLINE_S
 
@@ -176,12 +176,12 @@ def test_answers_are_repeated_by_the_run_that_they_are_of_alone(
         rows_of(job)
     run_file = SimpleNamespace(driven=driven_by_row(measured, 4))
     shutil.copy(measured / "answers" / "000004.json", tmp_path / "answers.json")
-    assert kept_answers(run_file, None, tmp_path) is not None  # type: ignore[arg-type]
+    assert load_repeated_answers(run_file, None, tmp_path) is not None  # type: ignore[arg-type]
     others = {"start": "sha256:1", "repeat": 1, "latency": Latency(0.5), "driver": "yours"}
     for name, value in others.items():
         run_file.driven = driven_by_row(measured, 4).model_copy(update={name: value})
         with pytest.raises(InputError, match=rf"answers\.json: asked\.{name}: .*give --drive"):
-            kept_answers(run_file, None, tmp_path)  # type: ignore[arg-type]
+            load_repeated_answers(run_file, None, tmp_path)  # type: ignore[arg-type]
 
 
 def driven_by_row(folder: Path, row: int) -> Driven:
@@ -277,18 +277,18 @@ def test_bags_are_of_all_runs_or_of_failed_ones_and_each_drivers_first(measured:
     plan, there = again(measured), rows_there(measured / "runs.csv")
     later = [[*row[:2], "another start", *row[3:]] for row in there]
 
-    def chosen(which: Bags, *kept: list[list[str]]) -> list[int]:
+    def rows_with_bags(which: Bags, *kept: list[list[str]]) -> list[int]:
         return list(bag_rows(plan, [row for each in kept for row in each], which))
 
-    assert chosen("none", there) == []
-    assert chosen("failed", there) == [1, 2, 3, 4]
+    assert rows_with_bags("none", there) == []
+    assert rows_with_bags("failed", there) == [1, 2, 3, 4]
     # The model hits on its second start, too, and the oracle doesn't.
-    assert chosen("failed", there, later) == [1, 2, 3, 4, 7, 8]
-    assert chosen("all", there, later) == [*range(1, 9)]
+    assert rows_with_bags("failed", there, later) == [1, 2, 3, 4, 7, 8]
+    assert rows_with_bags("all", there, later) == [*range(1, 9)]
     place = RUN_COLUMNS.index("outcome")
     lost = [[*row[:place], "harness", *row[place + 1 :]] for row in later]
     # A model that our side failed has no answers to repeat.
-    assert chosen("all", there, lost) == [1, 2, 3, 4, 5, 6]
+    assert rows_with_bags("all", there, lost) == [1, 2, 3, 4, 5, 6]
 
 
 def test_runs_with_a_measured_latency_share_no_host(measured: Path, tmp_path: Path) -> None:

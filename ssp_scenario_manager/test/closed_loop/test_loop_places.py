@@ -10,7 +10,7 @@ import pytest
 
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.road import CurvePiece
-from ssp_scenario_manager.closed_loop.starts.box import drawn_run, gap_draw
+from ssp_scenario_manager.closed_loop.starts.box import draw_run_values, gap_draw
 from ssp_scenario_manager.closed_loop.starts.places import Places
 from ssp_scenario_manager.closed_loop.starts.start import (
     OffSpec,
@@ -59,7 +59,7 @@ def gaps_of(run: RunSpec) -> dict[str, float]:
     return {target.id: places.gap_m(target) for target in run.targets}
 
 
-def asked(event: Event, name: str) -> tuple[float, float]:
+def gap_bounds(event: Event, name: str) -> tuple[float, float]:
     """The gap of K*, and what rounding to a millimetre may add."""
     span = event.participants[name].region.gap
     assert isinstance(span, Interval)
@@ -81,7 +81,7 @@ def test_starts_begin_with_gaps_of_ks_box(
     for seed in seeds:
         start = start_of(name, seed)
         gap = gaps_of(start.run)["ot1"]
-        low, high = asked(event, "ot1")
+        low, high = gap_bounds(event, "ot1")
         assert low <= gap <= high
         assert start.values["participants.ot1.region.gap"] == pytest.approx(gap, abs=0.001)
         # The twin meets it: its first states are those of the start.
@@ -101,8 +101,8 @@ def test_a_gap_leaves_time_for_the_hand_over(compiled: Compiled) -> None:
     assert bounds is not None
     assert (bounds.low, bounds.high) == (30.0, 45.0)
     share = draw.shares["ot1"]
-    assert draw.drawn_m(4.0) == pytest.approx(41.0 + share * 4.0)
-    assert draw.drawn_m(100.0) == pytest.approx(30.0 + share * 15.0)
+    assert draw.draw_m(4.0) == pytest.approx(41.0 + share * 4.0)
+    assert draw.draw_m(100.0) == pytest.approx(30.0 + share * 15.0)
     # As large as K* has it, and still too small for a latency.
     with pytest.raises(ShortRunUp, match="run-up is too short"):
         make_start(run, event, 1, latency_max_s=9.0)
@@ -128,7 +128,7 @@ def test_who_stands_at_a_marking_stays_and_the_vut_begins_elsewhere(
     assert start.run.vut.approach.path[0] == (start.run.vut.start.x_m, start.run.vut.start.y_m)
     assert start.run.vut.approach.path[-1] == run.vut.approach.path[-1]  # type: ignore[union-attr]
     for name, gap in gaps_of(start.run).items():
-        low, high = asked(event, name)
+        low, high = gap_bounds(event, name)
         assert low <= gap <= high
         assert start.values[f"participants.{name}.region.gap"] == pytest.approx(gap, abs=0.001)
     # The sight distance: from the parked front to the walker's side.
@@ -192,7 +192,7 @@ def test_places_of_a_bent_road_keep_their_lane_and_heading(
         placed.append(one.model_copy(update={"start": start, "approach": approach}))
     bent = bent.model_copy(update={"vut": placed[0], "targets": [placed[1]]})
     places = Places(bent)
-    moved = places.moved(placed[1], along_m)
+    moved = places.with_moved_start(placed[1], along_m)
     assert places.gap_m(moved) - places.gap_m(placed[1]) == pytest.approx(along_m, abs=0.01)
     s_m, l_m = places.local(moved)
     assert l_m == pytest.approx(3.5, abs=1e-6)
@@ -238,5 +238,5 @@ def test_a_truck_gets_no_acceleration_that_it_would_refuse() -> None:
     block = "junction entry: west_in > west_east lanes[0] > east_out"
     run = made(event, ground("entry"), block).task.run
     field = "triggers.0.manoeuvre.motion.acceleration_mps2"
-    drawn = [drawn_run(run, event, seed)[1][field] for seed in range(20)]
+    drawn = [draw_run_values(run, event, seed)[1][field] for seed in range(20)]
     assert 1.5 <= min(drawn) < max(drawn) <= 1.7

@@ -83,7 +83,7 @@ def test_events_without_starts_leave_a_folder_that_another_plan_may_take(
     def none(*_: Any) -> tuple[str, dict[str, Any]]:
         return "off_spec", {"why": "no run-up"}
 
-    monkeypatch.setattr(seal, "_drawn", none)
+    monkeypatch.setattr(seal, "_draw_facts", none)
     for seed in (1, 2):
         plan = plan_with(seed=seed)
         with pytest.raises(InputError, match="has 0 critical starts among"):
@@ -121,7 +121,7 @@ def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
 
 def test_a_label_hides_no_privilege() -> None:
     plan = plan_with(drivers=[{"driver": "aeb", "options": {"ttc_s": 1.2}, "label": "late_aeb"}])
-    assert plan.everybody[-1].shown == "late_aeb"
+    assert plan.everybody[-1].display_name == "late_aeb"
     assert plan.everybody[-1].is_privileged
 
 

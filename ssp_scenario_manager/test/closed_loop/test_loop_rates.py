@@ -12,7 +12,12 @@ from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
     ZERO,
 )
 from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
-from ssp_scenario_manager.closed_loop.outcomes.rates import RunRow, rates_of, refused_for, rising
+from ssp_scenario_manager.closed_loop.outcomes.rates import (
+    RunRow,
+    rates_of,
+    refusal_reasons,
+    rising,
+)
 
 NUMBERS = itertools.count()
 
@@ -76,7 +81,7 @@ def test_harmless_and_unavoidable_starts_have_no_part_in_the_headline() -> None:
 
 def test_a_campaign_is_refused_where_braking_for_nothing_pays() -> None:
     rates = rates_of([row(driver="stop_at_once"), row(driver="oracle")])
-    assert refused_for(rates, ZERO) == [
+    assert refusal_reasons(rates, ZERO) == [
         "stop_at_once has a headline of 1.00 on cut_in at L = 0 s, and must have 0"
     ]
 

@@ -284,7 +284,7 @@ def answered(number: int, text: str, speed: float, slows_mps2: float) -> DriveRe
         points=Points(np.vstack([t, t, zeros, zeros, v, zeros, zeros])),
     )
     answer = EffectiveAnswer(number, round(1e8 * number), 0.0, Answer(None, text))
-    return DriveReport(DriveMode.PLAN, answered=answer, effective=reference)
+    return DriveReport(DriveMode.PLAN, effective_answer=answer, effective=reference)
 
 
 def test_texts_are_kept_from_t_obs_on_with_what_their_own_plans_do(tmp_path: Path) -> None:

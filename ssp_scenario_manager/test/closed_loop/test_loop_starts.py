@@ -58,7 +58,7 @@ def test_seeds_are_tried_in_order_however_many_processes_share_them(
     def in_order(_jobs: int, *_: object) -> Iterator[Any]:
         yield map
 
-    monkeypatch.setattr(seal, "_drawn", judge)
+    monkeypatch.setattr(seal, "_draw_facts", judge)
     monkeypatch.setattr(seal, "ordered_map", in_order)
     for jobs in (1, 2, 5):
         (tmp_path / str(jobs)).mkdir()
@@ -83,7 +83,7 @@ def test_each_call_tells_what_was_drawn_and_the_seal_binds_it(
     def in_order(*_: object) -> Iterator[Any]:
         yield map
 
-    monkeypatch.setattr(seal, "_drawn", judge)
+    monkeypatch.setattr(seal, "_draw_facts", judge)
     monkeypatch.setattr(seal, "ordered_map", in_order)
     said: list[list[str]] = [[], []]
     for told in said:

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import pytest
 
-from ssp_scenario_manager.compile.choose import HIGHEST, NotChosen, Winner, choose_block
+from ssp_scenario_manager.compile.choose import HIGHEST, NoBlockChosen, Winner, choose_block
 from ssp_scenario_manager.compile.task import BlockScore
 from ssp_scenario_manager.maps.block import Library
 from ssp_scenario_manager.scenarios.base import CannotPlace
@@ -51,7 +51,7 @@ def choose(place: Callable[[Any], Any], **given: Any) -> Winner:
 
 def test_the_highest_score_wins() -> None:
     tried: list[str] = []
-    chosen = choose(placing(), said=tried.append)
+    chosen = choose(placing(), on_block=tried.append)
     assert chosen.realisation.block.block_id == "a"
     assert (chosen.chosen_by, chosen.tied) == (HIGHEST, ())
     assert tried == ["a"]
@@ -69,7 +69,9 @@ def test_a_winner_that_fails_a_check_leaves_it_to_the_next() -> None:
 
 
 def test_ties_are_reported_and_not_broken() -> None:
-    with pytest.raises(NotChosen, match=r"2 blocks fit equally well: b, c; .*--choose") as caught:
+    with pytest.raises(
+        NoBlockChosen, match=r"2 blocks fit equally well: b, c; .*--choose"
+    ) as caught:
         choose(placing(a="no"))
     assert caught.value.tied == ["b", "c"]
     assert [s.block for s in caught.value.scores] == ["a", "b", "c", "d"]
@@ -88,7 +90,7 @@ def test_a_choice_without_a_tie_changes_nothing() -> None:
 
 @pytest.mark.parametrize("choice", ["b", "d"])
 def test_only_the_best_may_be_chosen(choice: str) -> None:
-    with pytest.raises(NotChosen, match=r"is not among the best blocks.*the best that fit: a"):
+    with pytest.raises(NoBlockChosen, match=r"is not among the best blocks.*the best that fit: a"):
         choose(placing(), choice=choice, who="Kim")
 
 
@@ -98,9 +100,9 @@ ALIKE = [score(name, 0.9) for name in MANY]
 
 def test_a_large_tie_is_not_realised_in_full() -> None:
     tried: list[str] = []
-    with pytest.raises(NotChosen, match="at least 8 blocks fit equally well") as caught:
+    with pytest.raises(NoBlockChosen, match="at least 8 blocks fit equally well") as caught:
         choose_block(
-            library(*MANY), ALIKE, placing(**{MANY[1]: "leaves the fence"}), said=tried.append
+            library(*MANY), ALIKE, placing(**{MANY[1]: "leaves the fence"}), on_block=tried.append
         )
     assert tried == MANY[:9]
     assert caught.value.tied == [MANY[0], *MANY[2:9]]
@@ -115,14 +117,16 @@ def test_a_chosen_block_is_realised_first_and_then_one_other() -> None:
         placing(**{MANY[0]: "leaves the fence"}),
         choice=MANY[1500],
         who="Kim",
-        said=tried.append,
+        on_block=tried.append,
     )
     assert tried == [MANY[1500], MANY[0], MANY[1]]
     assert (chosen.chosen_by, chosen.tied) == ("Kim", (MANY[1], MANY[1500]))
 
 
 def test_a_chosen_block_that_does_not_fit_is_refused_with_the_reason() -> None:
-    with pytest.raises(NotChosen, match=r"best blocks: leaves the fence.*that fit: b") as caught:
+    with pytest.raises(
+        NoBlockChosen, match=r"best blocks: leaves the fence.*that fit: b"
+    ) as caught:
         choose(placing(a="no", c="leaves the fence"), choice="c", who="Kim")
     assert caught.value.tied == ["b"]
 
@@ -142,14 +146,14 @@ def test_many_scores_are_grouped_in_no_time() -> None:
 
 
 def test_an_unknown_choice_is_named() -> None:
-    with pytest.raises(NotChosen, match=r"there is no such block \(got 'x'\)"):
+    with pytest.raises(NoBlockChosen, match=r"there is no such block \(got 'x'\)"):
         choose(placing(), choice="x", who="Kim")
 
 
 def test_where_nothing_fits_the_reasons_are_counted() -> None:
-    with pytest.raises(NotChosen) as caught:
+    with pytest.raises(NoBlockChosen) as caught:
         choose(placing(a="one", b="two", c="two"))
     assert "no block of it fits: two (2 block(s)); " in str(caught.value)
     assert "too short (1 block(s))" in str(caught.value)
-    with pytest.raises(NotChosen, match="it has no blocks"):
+    with pytest.raises(NoBlockChosen, match="it has no blocks"):
         choose_block(library(), [], placing())

@@ -196,13 +196,13 @@ def test_a_sessions_folder_is_run_again_as_it_was(
     assert main(["run", "cut_in", *given]) == 1
     assert main(["run", str(first), "--in-process", "--out", str(again)]) == 1
 
-    def told(folder: Path, name: str, *but: str) -> dict[str, object]:
+    def fields_of(folder: Path, name: str, *but: str) -> dict[str, object]:
         value = json.loads((folder / name).read_text())
         return {key: value[key] for key in value if key not in but}
 
-    assert told(again, "result.json", "run_id") == told(first, "result.json", "run_id")
-    assert told(again, "run.yaml", "run_id") == told(first, "run.yaml", "run_id")
-    assert told(first, "result.json")["seed"] == 7
+    assert fields_of(again, "result.json", "run_id") == fields_of(first, "result.json", "run_id")
+    assert fields_of(again, "run.yaml", "run_id") == fields_of(first, "run.yaml", "run_id")
+    assert fields_of(first, "result.json")["seed"] == 7
     assert (again / TASK_FOLDER / "task.json").read_bytes() == (
         first / TASK_FOLDER / "task.json"
     ).read_bytes()

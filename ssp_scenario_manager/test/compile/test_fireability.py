@@ -42,7 +42,7 @@ def either(*of: dict[str, Any]) -> dict[str, Any]:
     return {"type": "any", "of": list(of)}
 
 
-def found(mapping: dict[str, Any], *conditions: dict[str, Any], **of_first: Any) -> list[str]:
+def problems_of(mapping: dict[str, Any], *conditions: dict[str, Any], **of_first: Any) -> list[str]:
     """Problems of the run with these triggers, all of them the initiator's first manoeuvre's."""
     first = mapping["triggers"][0]
     triggers = [
@@ -76,7 +76,7 @@ def found(mapping: dict[str, Any], *conditions: dict[str, Any], **of_first: Any)
     ],
 )
 def test_what_may_fire_is_loaded(run_mapping: dict[str, Any], condition: dict[str, Any]) -> None:
-    assert found(run_mapping, condition) == []
+    assert problems_of(run_mapping, condition) == []
 
 
 CASES: dict[str, tuple[dict[str, Any], str]] = {
@@ -106,11 +106,11 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("name", CASES)
 def test_what_cannot_fire_is_refused(run_mapping: dict[str, Any], name: str) -> None:
     condition, says = CASES[name]
-    assert found(run_mapping, condition) == [says]
+    assert problems_of(run_mapping, condition) == [says]
 
 
 def test_any_is_refused_with_the_reasons_of_all_its_parts(run_mapping: dict[str, Any]) -> None:
-    problems = found(run_mapping, either(after(50.0), every(GAP, after(60.0))))
+    problems = problems_of(run_mapping, either(after(50.0), every(GAP, after(60.0))))
     assert [p.split(": ")[0] for p in problems] == [
         "triggers[0].condition.of[0].after_s",
         "triggers[0].condition.of[1].of[1].after_s",
@@ -136,8 +136,10 @@ LASTS = "times and phases don't cease to hold"
 def test_edges_that_never_come(
     run_mapping: dict[str, Any], condition: dict[str, Any], edge: str, says: str
 ) -> None:
-    assert found(run_mapping, condition, edge=edge) == [f"triggers[0].edge: {edge}, but {says}"]
-    assert found(run_mapping, condition, edge="none") == []
+    assert problems_of(run_mapping, condition, edge=edge) == [
+        f"triggers[0].edge: {edge}, but {says}"
+    ]
+    assert problems_of(run_mapping, condition, edge="none") == []
 
 
 @pytest.mark.parametrize(
@@ -157,40 +159,40 @@ def test_edges_that_never_come(
 def test_edges_that_may_come(
     run_mapping: dict[str, Any], condition: dict[str, Any], edge: str
 ) -> None:
-    assert found(run_mapping, condition, edge=edge) == []
+    assert problems_of(run_mapping, condition, edge=edge) == []
 
 
 def test_a_time_from_which_a_trigger_counts_hides_what_came_before(
     run_mapping: dict[str, Any],
 ) -> None:
     condition = every(after(3.0))
-    assert found(run_mapping, condition, edge="rising", not_before_s=2.9) == []
+    assert problems_of(run_mapping, condition, edge="rising", not_before_s=2.9) == []
     for begin_s in (3.0, 4.0):
-        assert found(run_mapping, condition, edge="rising", not_before_s=begin_s) == [
+        assert problems_of(run_mapping, condition, edge="rising", not_before_s=begin_s) == [
             f"triggers[0].edge: rising, but {HOLDS}"
         ]
 
 
 def test_holding_that_lasts_longer_than_the_run(run_mapping: dict[str, Any]) -> None:
-    assert found(run_mapping, after(30.0), held_for_s=10.0) == [
+    assert problems_of(run_mapping, after(30.0), held_for_s=10.0) == [
         "triggers[0].held_for_s: 10 s from 30 s on, when it may hold at the earliest, are not over "
         "before the end of the run (40 s)"
     ]
-    assert found(run_mapping, after(30.0), held_for_s=9.9) == []
-    assert found(run_mapping, GAP, held_for_s=39.9) == []
+    assert problems_of(run_mapping, after(30.0), held_for_s=9.9) == []
+    assert problems_of(run_mapping, GAP, held_for_s=39.9) == []
     late = phase("resolution")
-    assert found(run_mapping, late, GAP, held_for_s=2.5) == []
-    assert found(run_mapping, late, GAP, held_for_s=2.6) == [
+    assert problems_of(run_mapping, late, GAP, held_for_s=2.5) == []
+    assert problems_of(run_mapping, late, GAP, held_for_s=2.6) == [
         "triggers[0].held_for_s: the run ends 2.5 s after the start of the resolution"
     ]
-    assert found(run_mapping, either(late, GAP), GAP, held_for_s=2.6) == []
+    assert problems_of(run_mapping, either(late, GAP), GAP, held_for_s=2.6) == []
     for deeper in (every(GAP, late), every(every(late), GAP), either(late, every(GAP, late))):
-        assert len(found(run_mapping, deeper, GAP, held_for_s=2.6)) == 1
-    assert found(run_mapping, every(GAP, phase("conflict")), GAP, held_for_s=2.6) == []
+        assert len(problems_of(run_mapping, deeper, GAP, held_for_s=2.6)) == 1
+    assert problems_of(run_mapping, every(GAP, phase("conflict")), GAP, held_for_s=2.6) == []
 
 
 def test_the_shorter_of_the_runs_two_ends_counts(run_mapping: dict[str, Any]) -> None:
     run_mapping["limits"]["duration_s"] = 20.0
-    assert found(run_mapping, after(20.0)) == [
+    assert problems_of(run_mapping, after(20.0)) == [
         "triggers[0].condition.after_s: 20 s is not before the end of the run (20 s)"
     ]

@@ -72,7 +72,7 @@ def test_what_is_off_it_is_not_swept(run: RunSpec, field: str, value: float, say
     with pytest.raises(InputError, match=says):
         Sweep(run, (Variation(field, (value,)),), 1).check()
     # What is drawn is judged as it will be run.
-    drawn = Variation(field, (value, value + 0.001), drawn=True)
+    drawn = Variation(field, (value, value + 0.001), is_drawn=True)
     with pytest.raises(InputError, match=says):
         Sweep(run, (drawn,), 1).check()
 

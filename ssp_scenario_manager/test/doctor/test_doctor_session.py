@@ -14,7 +14,7 @@ from ssp_core.safety.object_rules import RulesCheck
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.doctor.checks import Status
-from ssp_scenario_manager.doctor.session import SessionHeard, Stream, failed, session_findings
+from ssp_scenario_manager.doctor.session import SessionObservation, Stream, failed, session_findings
 from tests.support.states import object_state
 
 NOW_NS = seconds_to_ns(1_800_000_000.0)
@@ -54,7 +54,7 @@ def state(participant, role, control=ControlState.DISARMED):
 @pytest.fixture
 def sound(live):
     target = live.targets[0]
-    return SessionHeard(
+    return SessionObservation(
         streams={live.vut.id: stream(), target.id: stream()},
         states={
             live.vut.id: state(live.vut, Role.VUT, ControlState.OFF),

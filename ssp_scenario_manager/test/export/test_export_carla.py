@@ -34,14 +34,14 @@ def without_carla(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(carla, "is_installed", lambda: False)
 
 
-def as_told(value: Any) -> Any:
+def as_namespace(value: Any) -> Any:
     """JSON-like data whose fields are attributes."""
     return json.loads(json.dumps(value), object_hook=lambda fields: types.SimpleNamespace(**fields))
 
 
 def exported(case: Any, folder: Path, map_text: str | None = None) -> Any:
     files = export_carla(case.task, case.block, case.plan, map_text, folder)
-    return as_told(json.loads(files[0].read_text()))
+    return as_namespace(json.loads(files[0].read_text()))
 
 
 poses = st.builds(Pose2, st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-math.pi, math.pi))
@@ -54,7 +54,7 @@ def _back(told: Any) -> tuple[float, float, float]:
 
 @given(poses, st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
 def test_the_frame_is_mirrored_and_nothing_else(pose: Pose2, ahead: float, left: float) -> None:
-    told = as_told(transform(pose))
+    told = as_namespace(transform(pose))
     x, y, yaw = _back(told)
     assert math.dist((x, y), (pose.x_m, pose.y_m)) < 1e-6
     assert math.remainder(yaw - pose.yaw_rad, 2 * math.pi) == pytest.approx(0.0, abs=1e-8)

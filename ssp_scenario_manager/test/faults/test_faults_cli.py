@@ -134,8 +134,8 @@ def test_a_finished_cell_is_judged_again_and_not_run_again(
     first, again = (next(run_cells(scene, cell)) for _ in range(2))
     assert len(ran) == 1
     assert first == again
-    assert first.judged is not None
-    assert {"a process", "the run left no bag"} <= set(first.judged.findings)
+    assert first.judgement is not None
+    assert {"a process", "the run left no bag"} <= set(first.judgement.findings)
     # Another run file is another run.
     other = FaultScenario(
         "cut_in", "lockstep", tmp_path, run.model_copy(update={"seed": 9}), NOMINAL
@@ -175,6 +175,6 @@ def test_a_run_that_was_complete_before_its_fault_came_is_run_anew(
     scene = FaultScenario("cut_in", "lockstep", tmp_path, run, NOMINAL)
     (result,) = run_cells(scene, [(ROWS["world_paused"], Stage.BEFORE)])
     assert len(ran) == min(late + 1, campaign.ATTEMPTS)
-    assert result.judged is not None
+    assert result.judgement is not None
     missed = "not injected: pause came at 16.00 s, the run was complete at 14.60 s"
-    assert (result.judged.findings == (missed,)) == (late >= campaign.ATTEMPTS)
+    assert (result.judgement.findings == (missed,)) == (late >= campaign.ATTEMPTS)

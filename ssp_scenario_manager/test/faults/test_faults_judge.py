@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_scenario_manager.faults.evidence import Evidence, FaultNote, HeardEvent, SafetyNote, Track
+from ssp_scenario_manager.faults.evidence import Evidence, FaultNote, RunnerEvent, SafetyNote, Track
 from ssp_scenario_manager.faults.judge import judge
 from ssp_scenario_manager.faults.matrix import ExpectedOutcome, Within
 
@@ -89,7 +89,7 @@ def moving(**changes: Track) -> Changes:
     return {"truth": {**well, **changes}}
 
 
-def seen(at_s: float) -> Changes:
+def silent_at(at_s: float) -> Changes:
     return {**SILENT, "safety": (SafetyNote(at_s, "object_silent", BY, "ot1"),)}
 
 
@@ -119,10 +119,10 @@ def test_a_thin_wall_that_was_driven_through_is_found(make: Make) -> None:
         ),
         ({"lost": 3}, "the recorder lost 3 messages"),
         ({"problems": ("the run left no bag",)}, "the run left no bag"),
-        (seen(3.40), "reaction after 0.400 s, bound 0.360 s (session)"),
+        (silent_at(3.40), "reaction after 0.400 s, bound 0.360 s (session)"),
         (SILENT, NEVER),
         # What was there before the fault is no answer to it.
-        ({**seen(2.9), "own_states": ((1.0, "ot1", ControlState.ABORTING),)}, NEVER),
+        ({**silent_at(2.9), "own_states": ((1.0, "ot1", ControlState.ABORTING),)}, NEVER),
         (moving(ot1=track(40.0, 3.5, 7.0, 4.5)), "ot1 drives 16.63 m from 7.0 m/s, bound 10.97 m"),
         (moving(ot1=track(40.0, 3.5, 7.0, 11.9)), "ot1 doesn't come to a standstill"),
         (moving(ot1=track(40.0, 3.5, 7.0, 11.9)), "ot1 moves at the end, 6.68 m/s"),
@@ -141,7 +141,7 @@ def test_what_outlives_a_run_is_found(make: Make) -> None:
 
 def test_a_consequence_that_is_stated_and_a_reaction_at_its_bound_are_well(make: Make) -> None:
     reasons = ("object_silent: ot1: 0.32 s", "object_aborted: ot1: 1")
-    assert findings(make(reasons=reasons, **seen(3.36)), stops=False) == ()
+    assert findings(make(reasons=reasons, **silent_at(3.36)), stops=False) == ()
 
 
 def test_a_session_that_must_not_start(make: Make) -> None:
@@ -190,19 +190,19 @@ def test_counted_from_the_abort_where_the_fault_endangers_nobody(make: Make) -> 
 def test_on_the_walls_clock(make: Make) -> None:
     expected = replace(EXPECTED, within=Within(0.75, clock="wall"), stops=False)
     heard = (
-        HeardEvent("session", "ARMED", "", 0.0, 9.0),
-        HeardEvent("safety", "object_silent", "scenario_manager ot1", 3.32, 10.6),
+        RunnerEvent("session", "ARMED", "", 0.0, 9.0),
+        RunnerEvent("safety", "object_silent", "scenario_manager ot1", 3.32, 10.6),
     )
     faults = (FaultNote(FAULT_S, 0, True, 10.0),)
-    judged = judge(expected, make(heard=heard, faults=faults), 0)
+    judged = judge(expected, make(runner_events=heard, faults=faults), 0)
     assert judged.reaction is not None
     assert judged.reaction.seconds == pytest.approx(0.6)
-    assert judged.reaction.kept
+    assert judged.reaction.is_within_bound
     late = (*heard[:1], replace(heard[1], wall_s=10.8))
-    assert not judge(expected, make(heard=late, faults=faults), 0).ok
+    assert not judge(expected, make(runner_events=late, faults=faults), 0).ok
     # Told by the node that injects it.
-    told = (HeardEvent("fault", "0 link_cut", "ot1 begins", 3.0, 10.1), *heard)
-    judged = judge(expected, make(heard=told), 0)
+    told = (RunnerEvent("fault", "0 link_cut", "ot1 begins", 3.0, 10.1), *heard)
+    judged = judge(expected, make(runner_events=told), 0)
     assert judged.reaction is not None
     assert judged.reaction.seconds == pytest.approx(0.5)
 
@@ -252,7 +252,7 @@ def test_a_fault_that_came_when_its_run_was_complete_was_not_injected(
         evidence,
         spec=evidence.spec.model_copy(update={"faults": [fault]}),
         session=(RUNNING, *([(8.0, SessionPhase.STOPPING)] if by_bag else [])),
-        heard=(HeardEvent("session", "STOPPING", "", 8.0, 12.0),),
+        runner_events=(RunnerEvent("session", "STOPPING", "", 8.0, 12.0),),
         faults=() if begun_s is None else (FaultNote(begun_s, 0, True, 14.0),),
     )
     told = findings(late)

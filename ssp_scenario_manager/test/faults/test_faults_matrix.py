@@ -126,7 +126,7 @@ def test_the_stages_follow_the_undisturbed_run(scene: FaultScenario) -> None:
 @pytest.mark.parametrize("row", FAST, ids=lambda row: row.name)
 def test_cells_without_processes_are_as_expected(row: Row, scene: FaultScenario) -> None:
     for result in run_cells(scene, [(row, stage) for stage in Stage]):
-        findings = result.judged.findings if result.judged is not None else ()
+        findings = result.judgement.findings if result.judgement is not None else ()
         assert (result.stage, findings) == (result.stage, ())
 
 
@@ -139,6 +139,6 @@ def test_a_dummy_that_stands_at_the_kerb_shows_some_faults_only_later(tmp_path: 
     results = list(run_cells(scene, [(row, Stage.BEFORE) for row in rows]))
     assert [r.row.name for r in results] == ["state_frozen", "actuator_stuck"]
     for result in results:
-        assert result.judged is not None
-        assert result.judged.findings == ()
+        assert result.judgement is not None
+        assert result.judgement.findings == ()
         assert result.cell is result.row.standing[Stage.BEFORE]

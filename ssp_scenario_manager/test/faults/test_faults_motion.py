@@ -29,13 +29,13 @@ def test_a_stop_is_measured_from_the_fault_to_the_standstill() -> None:
     assert stop.distance_m == pytest.approx(10.0 * 0.5 + 100.0 / 8.0, abs=0.02)
     assert stop.bound_m == pytest.approx(10.0 * 0.5 + 100.0 / 8.0 + 0.1)
     assert stop.standstill_s == pytest.approx(5.0, abs=2 * STEP_S)
-    assert stop.kept
+    assert stop.is_within_bound
 
 
 def test_one_that_brakes_too_late_or_too_gently_is_beyond_its_bound() -> None:
     stopping = Stopping(0.0, 4.0, 0.1)
-    assert not stop_of(braking(10.0, 2.6, 4.0, 8.0), 2.0, 0.5, stopping).kept
-    assert not stop_of(braking(10.0, 2.5, 3.8, 8.0), 2.0, 0.5, stopping).kept
+    assert not stop_of(braking(10.0, 2.6, 4.0, 8.0), 2.0, 0.5, stopping).is_within_bound
+    assert not stop_of(braking(10.0, 2.5, 3.8, 8.0), 2.0, 0.5, stopping).is_within_bound
 
 
 def test_a_witness_that_missed_most_states_finds_a_good_stop_good() -> None:
@@ -46,13 +46,13 @@ def test_a_witness_that_missed_most_states_finds_a_good_stop_good() -> None:
         heard = np.unique([0, *heard, len(track.t_s) - 1])
         columns = (track.t_s, track.x_m, track.y_m, track.yaw_rad, track.speed_mps)
         seen = Track(*(column[heard] for column in columns))
-        assert stop_of(seen, 2.0, 0.0, Stopping(0.1, 4.0, 0.1)).kept
+        assert stop_of(seen, 2.0, 0.0, Stopping(0.1, 4.0, 0.1)).is_within_bound
 
 
 def test_one_that_never_stands_has_kept_nothing() -> None:
     stop = stop_of(braking(1.0, 5.0, 4.0, 5.1), 5.0, 0.0, Stopping(0.3, 4.0))
     assert stop.standstill_s is None
-    assert not stop.kept
+    assert not stop.is_within_bound
 
 
 def test_the_speed_that_counts_is_the_highest_until_it_had_to_be_noticed() -> None:
@@ -67,7 +67,7 @@ def test_what_stands_all_the_while_has_stopped_at_once() -> None:
     stop = stop_of(braking(0.0, 0.0, 1.0, 3.0), 1.0, 0.5, Stopping(0.2, 4.0))
     assert (stop.distance_m, stop.speed_mps) == (0.0, 0.0)
     assert stop.standstill_s == pytest.approx(1.0, abs=STEP_S)
-    assert stop.kept
+    assert stop.is_within_bound
 
 
 def test_motion_and_standstill_are_read_off_the_track() -> None:

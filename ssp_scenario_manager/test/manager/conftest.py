@@ -63,7 +63,7 @@ class Peers:
         self.object_ids = ["ot1"]
         self.obeys = True
         self.refusal_code = ObjectCommand.Response.REFUSED_CONDITION
-        self.seen: list[Any] = []
+        self.session_states: list[Any] = []
         self.feedback: list[Any] = []
         self.safety: list[Any] = []
         self.beats: list[Any] = []
@@ -74,13 +74,13 @@ class Peers:
         self.counted = 0
         self.clock_offset_ns = 0
         self.commands: list[int] = []
-        self.asked_at: list[float] = []
+        self.request_times_s: list[float] = []
         pub, sub = self.node.create_publisher, self.node.create_subscription
         self.tick = pub(msg.WorldTick, names.WORLD_TICK, ros.STATE)
         self.vut_pub = pub(msg.ObjectState, names.state_topic("vut"), ros.STATE)
         self.ot1_pub = pub(msg.ObjectState, names.state_topic("ot1"), ros.STATE)
         self.status = pub(msg.RecorderStatus, names.RECORDER_STATUS, ros.STATE)
-        sub(msg.SessionState, names.SESSION_STATE, self.seen.append, ros.LATCHED)
+        sub(msg.SessionState, names.SESSION_STATE, self.session_states.append, ros.LATCHED)
         sub(msg.SafetyEvent, names.SAFETY_EVENT, self.safety.append, ros.LATCHED)
         sub(msg.Heartbeat, names.HEARTBEAT, self._on_beat, ros.STATE)
         sub(msg.LinkStatus, names.LINK_STATUS, self.links.append, ros.STATE)
@@ -135,7 +135,7 @@ class Peers:
 
     def _on_command(self, request: Any, response: Any) -> Any:
         self.commands.append(request.command)
-        self.asked_at.append(time.monotonic())
+        self.request_times_s.append(time.monotonic())
         response.accepted = self.obeys
         response.error_msg = "" if self.obeys else "the key is out"
         response.error_code = 0 if self.obeys else self.refusal_code
@@ -189,7 +189,9 @@ class Peers:
             self.executor.spin_once(timeout_sec=0.05)
 
     def wait_for(self, state: SessionPhase) -> None:
-        self.spin_until(lambda: self.seen and self.seen[-1].state == state, state.name)
+        self.spin_until(
+            lambda: self.session_states and self.session_states[-1].state == state, state.name
+        )
 
     def send(self, run_file: Path | str) -> Any:
         """Sends a goal; it is accepted."""

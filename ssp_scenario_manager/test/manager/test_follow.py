@@ -110,7 +110,7 @@ class Truth:
     def wall_s(self) -> float:
         return self._now_s[0]
 
-    def heard_at(self) -> float:
+    def newest_truth_s(self) -> float:
         return self._now_s[0] if self._lives else self._began_s
 
     def all_stand(self) -> bool:
@@ -320,7 +320,7 @@ def test_objects_that_lost_their_manager_stop_however_long_a_world_in_lockstep_w
         def __init__(self, *_: object) -> None:
             self.began_s = now_s[0]
 
-        def heard_at(self) -> float:
+        def newest_truth_s(self) -> float:
             return now_s[0] if world_lives and now_s[0] > died_s + 10.1 else died_s
 
         def all_stand(self) -> bool:
@@ -515,7 +515,7 @@ def test_step_by_step_nothing_is_asked_for_after_the_word_has_run_out(
     node.create_client.side_effect = lambda _, name: services.setdefault(name, MagicMock())
     client = StepwiseClient(node, run, "run.yaml")
 
-    def asked(name: str) -> int:
+    def call_count_of(name: str) -> int:
         return int(services[name].call_async.call_count)
 
     def drive(state: SessionPhase, seconds: float, *, may_start: bool = True) -> None:
@@ -532,23 +532,23 @@ def test_step_by_step_nothing_is_asked_for_after_the_word_has_run_out(
     client.begin(not_after_ns=round((now_s[0] + 10.0 + 1e6) * 1e9))
     drive(SessionPhase.CONNECTED, 3.0)
     drive(SessionPhase.ARMED, 7.0)
-    assert (asked("arm"), asked("start")) == (3, 7)
-    assert not asked(names.LOAD_SCENARIO)
+    assert (call_count_of("arm"), call_count_of("start")) == (3, 7)
+    assert not call_count_of(names.LOAD_SCENARIO)
     assert client.problems == ()
     assert client.not_in_time is None
     drive(SessionPhase.ARMED, 20.0)
-    assert asked("start") == 7
+    assert call_count_of("start") == 7
     assert client.not_in_time == ("ot1 moves",)
     assert client.stays_armed
     for _ in range(5):
         client.give_up()
         now_s[0] += 0.5
-    assert asked("disarm") == 2
+    assert call_count_of("disarm") == 2
     # The next word goes on from where it stands.
     client.begin(not_after_ns=round((now_s[0] + 10.0 + 1e6) * 1e9))
     assert client.not_in_time is None
     drive(SessionPhase.CONNECTED, 5.0)
-    assert (asked("arm"), asked("start")) == (8, 7)
+    assert (call_count_of("arm"), call_count_of("start")) == (8, 7)
     client.begin()
     drive(SessionPhase.LOADED, 2.0)
-    assert asked(names.LOAD_SCENARIO) == 1
+    assert call_count_of(names.LOAD_SCENARIO) == 1

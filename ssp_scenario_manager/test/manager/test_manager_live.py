@@ -69,7 +69,7 @@ def runs_on_the_system_clock(live: Any) -> None:
     arm(live)
     live.obtain("start")
     live.wait_for(SessionPhase.RUNNING)
-    started_ns = ros.ns_from_stamp(live.seen[-1].header.stamp)
+    started_ns = ros.ns_from_stamp(live.session_states[-1].header.stamp)
     assert abs(time.time_ns() - started_ns) < 20 * S
     # A stray world moves nothing: its time is not ours.
     live.tick.publish(msg.WorldTick(step=5, running=True, lockstep=True))
@@ -87,15 +87,20 @@ def runs_on_the_system_clock(live: Any) -> None:
     # tf2 hears where everybody is, at the stamps of their states, and never the same twice.
     frames = {("map", "vut/base_link"), ("map", "ot1/base_link")}
 
-    def told() -> list[Any]:
+    def transforms_of_poses() -> list[Any]:
         return [one for message in live.poses for one in message.transforms]
 
     live.spin_until(
-        lambda: {(one.header.frame_id, one.child_frame_id) for one in told()} == frames, "poses"
+        lambda: (
+            {(one.header.frame_id, one.child_frame_id) for one in transforms_of_poses()} == frames
+        ),
+        "poses",
     )
-    stamps = [(one.child_frame_id, ros.ns_from_stamp(one.header.stamp)) for one in told()]
+    stamps = [
+        (one.child_frame_id, ros.ns_from_stamp(one.header.stamp)) for one in transforms_of_poses()
+    ]
     assert len(set(stamps)) == len(stamps)
-    assert told()[-1].transform.translation.x in (live.vut.x_m, live.ot1.x_m)
+    assert transforms_of_poses()[-1].transform.translation.x in (live.vut.x_m, live.ot1.x_m)
     assert live.command("abort").accepted
     live.wait_for(SessionPhase.ABORTED)
     live.obtain("all_clear")

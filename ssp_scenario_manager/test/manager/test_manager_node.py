@@ -114,7 +114,7 @@ def test_abort_from_every_state(peers: Peers, run_file: Path) -> None:
         bring(peers, run_file, phase)
         assert peers.command("abort").accepted, phase
         if phase == "ABORTING":
-            assert peers.seen[-1].state != SessionPhase.ABORTED
+            assert peers.session_states[-1].state != SessionPhase.ABORTED
             peers.appear(ControlState.ABORTING)
         peers.wait_for(SessionPhase.ABORTED)
         assert any(event.limit_name == "operator" for event in peers.safety), phase
@@ -124,8 +124,8 @@ def test_abort_from_every_state(peers: Peers, run_file: Path) -> None:
             clear = ObjectCommand.Request.COMMAND_ALL_CLEAR
             peers.spin_until(lambda: clear in peers.commands, "the objects are cleared")  # noqa: B023 (waited for at once)
     # Every transition was announced once, and each begins where the one before ended.
-    states = [SessionPhase(s.state) for s in peers.seen]
-    before = [SessionPhase(s.previous) for s in peers.seen]
+    states = [SessionPhase(s.state) for s in peers.session_states]
+    before = [SessionPhase(s.previous) for s in peers.session_states]
     assert before == [SessionPhase.IDLE, *states[:-1]]
 
 
@@ -146,9 +146,9 @@ def test_an_object_that_does_not_arm_takes_the_session_back(peers: Peers, run_fi
     bring(peers, run_file, "CONNECTED")
     peers.obeys = False
     peers.obtain("arm")
-    peers.spin_until(lambda: peers.seen[-1].event == "arm_failed", "the way back")
-    assert peers.seen[-1].reason == "ot1 refused: the key is out"
-    assert peers.seen[-1].state == SessionPhase.CONNECTED
+    peers.spin_until(lambda: peers.session_states[-1].event == "arm_failed", "the way back")
+    assert peers.session_states[-1].reason == "ot1 refused: the key is out"
+    assert peers.session_states[-1].state == SessionPhase.CONNECTED
 
 
 def test_an_object_that_refuses_to_arm_is_asked_once_a_second_and_not_at_all_for_a_lasting_reason(
@@ -159,7 +159,7 @@ def test_an_object_that_refuses_to_arm_is_asked_once_a_second_and_not_at_all_for
     goal = peers.send(run_file)
 
     def arms() -> list[float]:
-        asked = zip(peers.commands, peers.asked_at, strict=True)
+        asked = zip(peers.commands, peers.request_times_s, strict=True)
         return [at for command, at in asked if command == ObjectCommand.Request.COMMAND_ARM]
 
     peers.spin_until(lambda: len(arms()) == 3, "the third command to arm")
@@ -242,7 +242,7 @@ def test_a_goal_is_for_an_idle_session(peers: Peers, run_file: Path, tmp_path: P
     result = peers.run(run_file)
     assert (result.verdict, result.run_id) == (Verdict.NONE, "")
     assert "the session is FINISHED already" in result.error_msg
-    assert peers.seen[-1].state == SessionPhase.FINISHED
+    assert peers.session_states[-1].state == SessionPhase.FINISHED
 
 
 def test_a_goal_says_what_its_next_step_waits_for(peers: Peers, run_file: Path) -> None:
@@ -250,7 +250,7 @@ def test_a_goal_says_what_its_next_step_waits_for(peers: Peers, run_file: Path) 
     peers.spin_until(lambda: peers.feedback and peers.feedback[-1].waits_for, "what is missing")
     assert "no state of ot1 arrives" in peers.feedback[-1].waits_for
     peers.appear()
-    peers.spin_until(lambda: peers.seen[-1].state == SessionPhase.RUNNING, "the start")
+    peers.spin_until(lambda: peers.session_states[-1].state == SessionPhase.RUNNING, "the start")
     peers.spin_until(lambda: not peers.feedback[-1].waits_for, "that nothing is missing")
     goal.cancel_goal_async()
     peers.wait_for(SessionPhase.ABORTED)
@@ -261,8 +261,8 @@ def test_sigterm_aborts_before_it_goes(
 ) -> None:
     bring(peers, run_file, "ARMED")
     manager.send_signal(signal.SIGTERM)
-    peers.spin_until(lambda: peers.seen[-1].event == "abort", "the abort")
-    assert "shuts down" in peers.seen[-1].reason
+    peers.spin_until(lambda: peers.session_states[-1].event == "abort", "the abort")
+    assert "shuts down" in peers.session_states[-1].reason
     assert manager.wait(timeout=DEADLINE_S) == 0
 
 
@@ -299,11 +299,11 @@ def test_a_second_publisher_of_each_topic_is_named(peers: Peers, run_file: Path)
     peers.obtain("reset")
     for topic, kind in STRANGE.items():
         bring(peers, run_file, "ARMED")
-        assert list(peers.seen[-1].reasons) == [], topic
+        assert list(peers.session_states[-1].reasons) == [], topic
         intruder = rclpy.create_node("intruder", namespace=names.NAMESPACE, context=peers.context)
         intruder.create_publisher(kind, topic, ros.LATCHED)
-        peers.spin_until(lambda: peers.seen[-1].reasons, f"a reason for {topic}")
-        last = peers.seen[-1]
+        peers.spin_until(lambda: peers.session_states[-1].reasons, f"a reason for {topic}")
+        last = peers.session_states[-1]
         assert last.verdict == msg.SessionState.VERDICT_INVALID_HARNESS
         assert last.reasons[0].startswith(f"foreign_manager: 1, limit 0 ({topic} has")
         assert "/ssp/intruder" in last.reasons[0] or whence in last.reasons[0]
@@ -325,4 +325,6 @@ def test_an_object_with_another_run_file_is_not_armed(peers: Peers, run_file: Pa
     peers.obtain("arm")
     peers.wait_for(SessionPhase.ARMED)
     own = f"ot1 has its own limits.speed_mps {0.5 * ours:.1f} instead of {ours:.1f}"
-    assert any(own in state.reason for state in peers.seen), [s.reason for s in peers.seen]
+    assert any(own in state.reason for state in peers.session_states), [
+        s.reason for s in peers.session_states
+    ]

@@ -34,13 +34,13 @@ def send(peers: Any, run_file: Path, token: str, **more: Any) -> Any:
     return result.result().result
 
 
-def told(peers: Any, name: str, **given: Any) -> Any:
+def send_command(peers: Any, name: str, **given: Any) -> Any:
     return peers.ask(peers.services[name], SessionCommand.Request(requested_by="test", **given))
 
 
 def obtained(peers: Any, name: str, **given: Any) -> None:
     """Asks until it is accepted: what the peers say of themselves needs a moment to arrive."""
-    peers.spin_until(lambda: told(peers, name, **given).accepted, f"{name} accepted")
+    peers.spin_until(lambda: send_command(peers, name, **given).accepted, f"{name} accepted")
 
 
 @pytest.fixture
@@ -79,13 +79,13 @@ def test_a_live_manager_takes_nothing_of_a_simulated_session(
             peers.loading, LoadScenario.Request(run_file=str(live), session_token=token)
         ).accepted
         for name in ("connect", "arm", "start", "reset"):
-            answer = told(peers, name, session_token=token)
+            answer = send_command(peers, name, session_token=token)
             assert answer.error_code == SessionCommand.Response.REFUSED_SESSION, answer
     # Its run isn't this manager's either, whatever token comes with it.
     result = send(peers, simulated, "live-1")
     assert "start another manager" in result.error_msg
     assert peers.commands == []
-    assert peers.seen[-1].state == SessionPhase.LOADED
+    assert peers.session_states[-1].state == SessionPhase.LOADED
     obtained(peers, "connect", session_token="live-1")
     prints_its_token(manager, peers)
 
@@ -107,23 +107,23 @@ def test_a_simulated_manager_takes_no_live_run(
 
 def test_an_abort_counts_from_anybody(peers: Any, live: Path) -> None:
     given = {"session_token": "sim-2", "shown_state": 3, "shown_since": stamp_from_ns(7)}
-    assert told(peers, "abort", **given).accepted
+    assert send_command(peers, "abort", **given).accepted
     peers.wait_for(SessionPhase.ABORTED)
 
 
 def test_a_press_counts_for_the_state_that_was_shown(peers: Any, live: Path) -> None:
-    loaded = peers.seen[-1]
+    loaded = peers.session_states[-1]
     shown = {"shown_state": loaded.state, "shown_since": loaded.header.stamp}
     obtained(peers, "connect", session_token="live-1", **shown)
-    answer = told(peers, "reset", session_token="live-1", **shown)
+    answer = send_command(peers, "reset", session_token="live-1", **shown)
     assert answer.error_code == SessionCommand.Response.REFUSED_OUTDATED
     assert "pressed for LOADED, and the session is CONNECTED" in answer.error_msg
     # The same state again is another one: somebody reset and loaded in between.
-    assert told(peers, "reset", session_token="live-1").accepted
+    assert send_command(peers, "reset", session_token="live-1").accepted
     assert peers.load(live).accepted
-    answer = told(peers, "connect", session_token="live-1", **shown)
+    answer = send_command(peers, "connect", session_token="live-1", **shown)
     assert "which came after it" in answer.error_msg
-    assert peers.seen[-1].state in (SessionPhase.IDLE, SessionPhase.LOADED)
+    assert peers.session_states[-1].state in (SessionPhase.IDLE, SessionPhase.LOADED)
 
 
 def test_a_word_that_ran_out_moves_nothing(peers: Any, live: Path) -> None:

@@ -50,14 +50,14 @@ def test_a_manager_that_was_reset_is_no_silent_one(
         await_action(peers, client)
         peers.obtain("reset")
 
-        def heard() -> bool:
+        def is_manager_alive() -> bool:
             client.spin(0.05)
             return client.silent_s < 1.0
 
         for _ in range(3):
             client.silent_s = 99.0
-            peers.spin_until(heard, "a sign of the manager's life")
-        assert not peers.links or peers.seen[-1].run_id == ""
+            peers.spin_until(is_manager_alive, "a sign of the manager's life")
+        assert not peers.links or peers.session_states[-1].run_id == ""
     finally:
         client.close()
 
@@ -71,11 +71,11 @@ def test_the_manager_of_another_session_is_not_taken_for_ones_own(
     client = RunClient(session_environment(domain), lambda _: None, own)
     try:
 
-        def told() -> bool:
+        def has_other_manager() -> bool:
             client.spin(0.05)
             return bool(client.other_managers())
 
-        peers.spin_until(told, "the other manager")
+        peers.spin_until(has_other_manager, "the other manager")
         assert names.HEARTBEAT in client.lacks()
     finally:
         client.close()

@@ -22,16 +22,16 @@ class _Node:
     """Stands for the runner's node: what it subscribes to is called by the test."""
 
     def __init__(self) -> None:
-        self.heard: dict[str, Callable[[Any], None]] = {}
+        self.callbacks: dict[str, Callable[[Any], None]] = {}
 
     def create_subscription(
         self, _: type, topic: str, call: Callable[[Any], None], *__: Any
     ) -> str:
-        self.heard[topic] = call
+        self.callbacks[topic] = call
         return topic
 
     def destroy_subscription(self, topic: str) -> None:
-        del self.heard[topic]
+        del self.callbacks[topic]
 
 
 class _Run:
@@ -59,17 +59,17 @@ def _states(node: _Node, in_one: bool, *control: ControlState) -> None:
         ObjectState(object_id=f"ot{k}", control_state=int(one)) for k, one in enumerate(control, 1)
     ]
     if in_one:
-        node.heard[names.OBJECT_STATES](ObjectStates(states=states))
+        node.callbacks[names.OBJECT_STATES](ObjectStates(states=states))
     else:
         for state in states:
-            node.heard[names.state_topic(state.object_id)](state)
+            node.callbacks[names.state_topic(state.object_id)](state)
 
 
 @pytest.mark.parametrize("in_one", [False, True])
 def test_a_session_is_armed_when_every_object_reports_it(in_one: bool, clock: list[float]) -> None:
     node, said = _Node(), list[str]()
     events = SessionEvents(node, _Run(in_one), said.append, lambda: None)
-    usual = set(node.heard)
+    usual = set(node.callbacks)
     events.say_state(SessionPhase.CONNECTED)
     events.say_armed()
     events.say_state(SessionPhase.ARMED)
@@ -84,7 +84,7 @@ def test_a_session_is_armed_when_every_object_reports_it(in_one: bool, clock: li
     events.say_armed()
     events.say_armed()
     assert said[3:] == ["session ARMED: every object reports it"]
-    assert set(node.heard) == usual
+    assert set(node.callbacks) == usual
     clock[0] += 6.0
     events.say_wait(SessionPhase.ARMED, "the start")
     assert said[4:] == ["waiting in ARMED: the start"]
@@ -93,14 +93,14 @@ def test_a_session_is_armed_when_every_object_reports_it(in_one: bool, clock: li
 def test_a_session_that_leaves_armed_is_said_so(clock: list[float]) -> None:
     node, said = _Node(), list[str]()
     events = SessionEvents(node, _Run(False), said.append, lambda: None)
-    usual = set(node.heard)
+    usual = set(node.callbacks)
     events.say_state(SessionPhase.ARMED)
-    assert set(node.heard) > usual
+    assert set(node.callbacks) > usual
     events.say_state(SessionPhase.CONNECTED)
     events.say_state(SessionPhase.CONNECTED)
     events.say_armed()
     assert said[1:] == ["session CONNECTED"]
-    assert set(node.heard) == usual
+    assert set(node.callbacks) == usual
     events.say_wait(SessionPhase.CONNECTED, "said a moment ago")
     assert said[2:] == []
 
@@ -122,7 +122,7 @@ def test_a_runner_that_stood_still_states_how_long_the_run_took(
         message = SessionState(state=state)
         message.header.stamp = stamp_from_ns(round(sent_s * 1e9))
         info = {"source_timestamp": round(sent_s * 1e9) + EPOCH_NS}
-        node.heard[names.SESSION_STATE](message, info)
+        node.callbacks[names.SESSION_STATE](message, info)
 
     def go_on(at_s: float) -> None:
         clock[0] = at_s

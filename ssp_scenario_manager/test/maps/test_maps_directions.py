@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from ssp_scenario_manager.compile.choose import NotChosen, choose_block
+from ssp_scenario_manager.compile.choose import NoBlockChosen, choose_block
 from ssp_scenario_manager.compile.place import Realisation
 from ssp_scenario_manager.compile.retrieval import score_blocks
 from ssp_scenario_manager.event_spec.load import load_event
@@ -32,20 +32,22 @@ def only(library: Library, block_id: str) -> Block:
 # -- direction of travel --------------------------------------------------------------------------
 
 
-def told(word: str) -> str:
+def direction_data(word: str) -> str:
     """Vendor data with a lane's direction of travel."""
     return f'<userData><vectorLane sOffset="0" laneId="x" travelDir="{word}"/></userData>'
 
 
 def test_vendor_data_that_agrees_with_the_side_is_no_fault(made: Made, words: Words) -> None:
     sections = words.section(
-        words.lane(2, 2, "sidewalk", told("forward")) + words.lane(1, inner=told("backward")),
-        words.lane(-1, inner=told("forward")) + words.lane(-2, 2, "biking", told("undirected")),
+        words.lane(2, 2, "sidewalk", direction_data("forward"))
+        + words.lane(1, inner=direction_data("backward")),
+        words.lane(-1, inner=direction_data("forward"))
+        + words.lane(-2, 2, "biking", direction_data("undirected")),
     )
     library = load_library(made.road(sections=sections).write())
     assert [block.block_id for block in library.blocks] == ["road 1 backward", "road 1 forward"]
     made.parts.clear()
-    turned = words.lane(-1, inner=told("backward"), attributes='direction="reversed"')
+    turned = words.lane(-1, inner=direction_data("backward"), attributes='direction="reversed"')
     library = load_library(made.road(sections=words.section("", turned)).write())
     assert [block.block_id for block in library.blocks] == ["road 1 backward"]
 
@@ -61,7 +63,9 @@ def test_vendor_data_that_agrees_with_the_side_is_no_fault(made: Made, words: Wo
 def test_vendor_data_against_the_side_leaves_the_road_out_by_name(
     made: Made, words: Words, attributes: str, left: str, right: str
 ) -> None:
-    sections = words.section(words.lane(1, inner=told(left)), words.lane(-1, inner=told(right)))
+    sections = words.section(
+        words.lane(1, inner=direction_data(left)), words.lane(-1, inner=direction_data(right))
+    )
     library = load_library(made.road(sections=sections, attributes=attributes).road("2").write())
     assert [block.block_id for block in library.blocks] == ["road 2 backward", "road 2 forward"]
     ((name, why),) = library.faults
@@ -73,14 +77,16 @@ def test_vendor_data_against_the_side_leaves_the_road_out_by_name(
     def nowhere(block: Block) -> Realisation:
         raise CannotPlace(block.block_id)
 
-    with pytest.raises(NotChosen, match=r"no such block; road 1 is left out: its travelDir"):
+    with pytest.raises(NoBlockChosen, match=r"no such block; road 1 is left out: its travelDir"):
         choose_block(library, scores, nowhere, choice="road 1 forward", who="A")
-    with pytest.raises(NotChosen, match=r"no block of it fits.*road 1 is left out: its travelDir"):
+    with pytest.raises(
+        NoBlockChosen, match=r"no block of it fits.*road 1 is left out: its travelDir"
+    ):
         choose_block(library, scores, nowhere)
 
 
 @pytest.mark.parametrize(
-    "more", [{"attributes": 'direction="both"'}, {"inner": told("bidirectional")}]
+    "more", [{"attributes": 'direction="both"'}, {"inner": direction_data("bidirectional")}]
 )
 def test_a_lane_of_both_directions_is_no_driving_lane(
     made: Made, words: Words, more: dict[str, str]

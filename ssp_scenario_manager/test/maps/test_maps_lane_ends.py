@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.compile.area import OperatingArea
-from ssp_scenario_manager.compile.choose import NotChosen
+from ssp_scenario_manager.compile.choose import NoBlockChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task, load_area
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.maps.lane_ends import MOVES_OVER_M, with_lane_ends
@@ -132,5 +132,5 @@ def test_a_lane_that_ends_alone_is_no_place(made: Made, words: Words) -> None:
 
 def test_deleting_the_lane_that_ends_refuses_it(made: Made, words: Words) -> None:
     path = lane_drop(made, words, ends=False)
-    with pytest.raises(NotChosen, match="segment straight, needs junction"):
+    with pytest.raises(NoBlockChosen, match="segment straight, needs junction"):
         compile_task(Request(event="merge", target="sumo", map_path=path))

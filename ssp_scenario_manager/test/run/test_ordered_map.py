@@ -20,6 +20,6 @@ def test_a_cluster_without_room_is_told_and_one_worker_is_enough(
         ready = next(answers)
         return ready, [one for one in asked if one not in ready]
 
-    assert ordered_map._answered(SimpleNamespace(wait=wait), ["first", "second"]) == ["second"]
+    assert ordered_map._ready_answers(SimpleNamespace(wait=wait), ["first", "second"]) == ["second"]
     assert waits == [(2, 30.0), (1, 30.0), (1, 30.0)]
     assert capsys.readouterr().err.count("has no free processor for a worker yet") == 2

@@ -159,7 +159,7 @@ def test_a_sweep_has_a_row_per_run_and_the_same_bytes_for_any_number_of_jobs(
     make_run: MakeRun, tmp_path: Path
 ) -> None:
     spec = make_run(disturbance=LinkDisturbance(position_noise_m=0.02))
-    cruise = Variation("driver.cruise_mps", (9.5, 10.5), drawn=True)
+    cruise = Variation("driver.cruise_mps", (9.5, 10.5), is_drawn=True)
     sweep = Sweep(spec, (cruise, Variation("limits.jump_m", (1.0, 2.0))), 4)
     seen: list[Row] = []
     for name in ("one", "two"):
@@ -179,7 +179,7 @@ def test_a_sweep_has_a_row_per_run_and_the_same_bytes_for_any_number_of_jobs(
 
 def short_sweep(make_run: MakeRun, runs: int, seed: int = 1, low: float = 9.5) -> Sweep:
     end = make_run().end.model_copy(update={"at_latest_s": 0.5})
-    cruise = Variation("driver.cruise_mps", (low, 10.5), drawn=True)
+    cruise = Variation("driver.cruise_mps", (low, 10.5), is_drawn=True)
     variations = (cruise, Variation("limits.jump_m", (1.0, 2.0)))
     return Sweep(make_run(end=end, seed=seed), variations, runs)
 

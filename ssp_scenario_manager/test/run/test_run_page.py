@@ -49,7 +49,7 @@ def write_page(folder: Path, text: str) -> None:
     (folder / "stand_in_page.py").write_text(f"def main():\n{indent(text, '    ')}")
 
 
-def wait_until_said(said: list[str], part: str) -> None:
+def wait_for_line(said: list[str], part: str) -> None:
     until(lambda: any(part in line for line in said), lambda: f"{part!r} in {said}")
 
 
@@ -63,7 +63,7 @@ def beside(
 def test_says_where_it_is_with_the_token_that_no_log_has(session: ProcessGroup) -> None:
     said: list[str] = []
     with beside(session, "run.yaml", said):
-        wait_until_said(said, "operator page: ")
+        wait_for_line(said, "operator page: ")
         assert not session.processes  # nobody who watches the session's processes sees it
     (line,) = said
     address, _, token = line.partition("#token=")
@@ -83,7 +83,7 @@ def test_a_token_that_was_given_is_kept_and_not_shown(session: ProcessGroup) -> 
     )
     said: list[str] = []
     with beside(session, "run.yaml", said):
-        wait_until_said(said, "operator page: ")
+        wait_for_line(said, "operator page: ")
     assert said == ["operator page: http://127.0.0.1:4711/"]
 
 
@@ -108,7 +108,7 @@ def test_a_wrong_token_is_said_before_a_run_starts(tmp_path: Path) -> None:
 def test_an_end_of_its_own_is_said_and_no_more(session: ProcessGroup) -> None:
     said: list[str] = []
     with beside(session, "die", said):
-        wait_until_said(said, "exited")
+        wait_for_line(said, "exited")
     assert "the operator page exited with status 1; the session goes on without it" in said[-1]
     assert "port 4711 is taken" in said[-1]
 
@@ -133,7 +133,7 @@ def test_a_page_that_is_told_the_end_may_stay_and_is_not_waited_for(
     write_page(session.log_dir.parent, HEARING)
     said: list[str] = []
     with beside(session, "stay" if stays else "run.yaml", said) as tell:
-        wait_until_said(said, "operator page: ")
+        wait_for_line(said, "operator page: ")
         for final in (False, True):
             tell(EndWord(Verdict.VALID, (), final))
     log = (session.log_dir / "monitor_page.log").read_text()
@@ -172,7 +172,7 @@ def test_a_page_that_hangs_holds_up_no_verdict(
     write_page(session.log_dir.parent, HANGING)
     said: list[str] = []
     with beside(session, kind, said) as tell:
-        wait_until_said(said, "operator page: ")
+        wait_for_line(said, "operator page: ")
         told_s = time.monotonic()
         tell(EndWord(Verdict.VALID, (), True))
     assert time.monotonic() - told_s < 10.0
@@ -188,7 +188,7 @@ def test_a_page_that_is_told_no_end_ends_with_the_run(session: ProcessGroup) -> 
     write_page(session.log_dir.parent, HEARING)
     said: list[str] = []
     with beside(session, "stay", said) as tell:
-        wait_until_said(said, "operator page: ")
+        wait_for_line(said, "operator page: ")
         tell(EndWord(Verdict.VALID, (), False))
     assert len(said) == 1
 

@@ -26,7 +26,7 @@ from ssp_scenario_manager.run.report import (
     measured,
     onset,
     receipt,
-    told,
+    report_fields,
     tracking,
 )
 
@@ -173,12 +173,12 @@ def test_tracking_errors_of_the_run_and_of_each_reference(state: StateMaker) -> 
 
 
 def test_missing_and_late_states_are_counted(state: StateMaker) -> None:
-    def heard(*numbers: int) -> list[ObjectState]:
+    def states_of(*numbers: int) -> list[ObjectState]:
         return [state("ot1", sequence=n, stamp_ns=n * MS) for n in numbers]
 
-    assert receipt(heard(1, 2, 3))["lost"] == 0
-    assert receipt(heard(5, 6, 9, 10))["lost"] == 2
-    assert receipt(heard(1, 3, 2, 4)) == {"received": 4, "lost": 0, "out_of_order": 1}
+    assert receipt(states_of(1, 2, 3))["lost"] == 0
+    assert receipt(states_of(5, 6, 9, 10))["lost"] == 2
+    assert receipt(states_of(1, 3, 2, 4)) == {"received": 4, "lost": 0, "out_of_order": 1}
     assert receipt([])["received"] == 0
 
 
@@ -189,7 +189,7 @@ def stamp(ns: int) -> Any:
     return SimpleNamespace(sec=ns // S, nanosec=ns % S)
 
 
-def heard(state: StateMaker, **changes: Any) -> ReportInput:
+def report_input(state: StateMaker, **changes: Any) -> ReportInput:
     at = START_NS + 5 * S
     firing = SimpleNamespace(
         trigger_id="gap",
@@ -214,7 +214,7 @@ def heard(state: StateMaker, **changes: Any) -> ReportInput:
 def test_the_way_of_a_trigger_from_the_crossing_to_the_motion(
     state: StateMaker, run: RunSpec
 ) -> None:
-    report = told(heard(state), run)
+    report = report_fields(report_input(state), run)
     (fired,) = report["triggers"]
     assert (fired["crossing_s"], fired["judged_s"], fired["dispatched_s"]) == (4.987, 5.0, 5.0)
     assert fired["processing_ms"] == 1.5
@@ -249,17 +249,17 @@ def test_the_way_of_a_trigger_from_the_crossing_to_the_motion(
 def test_what_is_missing_is_said(
     state: StateMaker, run: RunSpec, changes: dict[str, Any], says: str
 ) -> None:
-    assert says in lines(told(heard(state, **changes), run))[0]
+    assert says in lines(report_fields(report_input(state, **changes), run))[0]
 
 
 def test_who_does_not_move_is_said(state: StateMaker, run: RunSpec) -> None:
-    standing = heard(state, states={"vut": [], "ot1": drive(state)})
-    (line, _) = lines(told(standing, run))
+    standing = report_input(state, states={"vut": [], "ot1": drive(state)})
+    (line, _) = lines(report_fields(standing, run))
     assert line.endswith("no motion seen: no state departs from the previous reference")
 
 
 def test_a_trigger_that_never_fired_is_named(state: StateMaker, run: RunSpec) -> None:
-    report = told(heard(state, firings=[], states={"vut": [], "ot1": []}), run)
+    report = report_fields(report_input(state, firings=[], states={"vut": [], "ot1": []}), run)
     assert report["tracking"] == {"ot1": None}
     assert lines(report) == ["trigger gap never fired"]
 

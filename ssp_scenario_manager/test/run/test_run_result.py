@@ -23,7 +23,7 @@ from ssp_scenario_manager.run.result import (
     happened_by,
     misses,
     result_keys,
-    shown_gap,
+    time_gap_text,
 )
 
 S = 1_000_000_000
@@ -46,7 +46,7 @@ def empty(run: RunSpec) -> Callable[..., RunEvents]:
 
     def make(began_ns: int | None, *faults: FaultFact) -> RunEvents:
         truths: dict[str, Any] = {run.vut.id: [], **{t.id: [] for t in run.targets}}
-        return RunEvents.seen(run, began_ns, (), (), faults, truths)
+        return RunEvents.measure(run, began_ns, (), (), faults, truths)
 
     return make
 
@@ -60,14 +60,14 @@ def test_no_gap_is_stated_of_a_run_that_never_reached_its_conflict(run: RunSpec)
 
     def keys(*phases: Phase) -> dict[str, Any]:
         began = [p for p in whole.phases if p.phase in phases]
-        return result_keys(run, RunEvents.seen(run, 0, began, whole.triggers, (), truths))
+        return result_keys(run, RunEvents.measure(run, 0, began, whole.triggers, (), truths))
 
     met, unmet = keys(*Phase), keys(Phase.APPROACH, Phase.TRIGGER)
     assert (met["initiator_first"], met["time_gap_s"] > 0.0) == (True, True)
     assert (unmet["initiator_first"], unmet["time_gap_s"]) == (None, None)
     assert unmet["triggers"] == met["triggers"] != []
     assert unmet["min_distance_m"] == met["min_distance_m"] > 0.0
-    assert shown_gap(unmet["time_gap_s"]) == "no time gap"
+    assert time_gap_text(unmet["time_gap_s"]) == "no time gap"
 
 
 def test_faults_are_told_by_number_and_kind_in_the_same_order(
@@ -201,22 +201,22 @@ def test_the_resolution_is_the_last_one_of_the_whole_recording(
 
     run = run.model_copy(update={"passing": WantedPassing(first="initiator")})
 
-    def seen(end_s: int) -> RunEvents:
+    def events_until(end_s: int) -> RunEvents:
         pairs = [at(0.5 * k) for k in range(2 * end_s + 1)]
         announced = [
             PhaseBegan(S // 2, Phase.CONFLICT, "TTC 2.00 s"),
             PhaseBegan(2 * S, Phase.RESOLUTION, "TTC 5.00 s"),
         ]
         truths = {"vut": [a for a, _ in pairs], "ot1": [b for _, b in pairs]}
-        return RunEvents.seen(run, 0, announced, (), (), truths)
+        return RunEvents.measure(run, 0, announced, (), (), truths)
 
-    (_, resolution) = result_keys(run, seen(8))["phases"]
+    (_, resolution) = result_keys(run, events_until(8))["phases"]
     assert (resolution["phase"], resolution["at_s"], resolution["announced_s"]) == (
         "resolution",
         5.0,
         2.0,
     )
-    cut = replace(seen(4), passing=passed(True, None))
+    cut = replace(events_until(4), passing=passed(True, None))
     (only,) = result_keys(run, cut)["phases"]
     assert (only["phase"], only["at_s"]) == ("conflict", 0.5)
     assert misses(run, cut)[0].startswith("resolution: the conflict began again and lasts")
@@ -252,5 +252,5 @@ def test_the_nearest_is_found_of_a_box_that_lies_off_its_reference_point(run: Ru
         run.vut.id: [at(run.vut.id, second, 0.0, behind) for second in (0, 1)],
         target.id: [at(target.id, 0, -5.0, person), at(target.id, 1, -14.0, person)],
     }
-    happened = RunEvents.seen(run, 0, (), (), (), truths)
+    happened = RunEvents.measure(run, 0, (), (), (), truths)
     assert happened.min_distance_m == pytest.approx(0.75)

@@ -43,7 +43,7 @@ def test_the_whole_way() -> None:
         assert script.next(state, 1000 * S) is None
         assert not script.finished
     assert script.next(P.FINISHED, 1001 * S) is None
-    assert (script.finished, script.problems, script.begun) == (True, (), True)
+    assert (script.finished, script.problems, script.has_begun) == (True, (), True)
     assert script.next(P.IDLE, 1002 * S) is None
 
 
@@ -57,7 +57,7 @@ def test_a_session_that_is_elsewhere_is_not_taken_over(state: P) -> None:
     script = RunScript("run.yaml", 0)
     assert script.next(state, 0) is None
     assert script.finished
-    assert not script.begun
+    assert not script.has_begun
     assert script.problems == (
         f"the session is {state.name} already; reset it or clear its abort first",
     )
@@ -68,7 +68,7 @@ def test_a_file_that_cannot_be_loaded_is_final() -> None:
     script.next(P.IDLE, 0)
     script.on_answer(no("triggers[0]: …", "triggers[1]: …"))
     assert script.finished
-    assert not script.begun
+    assert not script.has_begun
     assert script.problems == ("triggers[0]: …", "triggers[1]: …")
 
 
@@ -171,7 +171,7 @@ def test_a_word_that_came_too_late_does_nothing_at_all() -> None:
     for state in (P.IDLE, P.LOADED, P.CONNECTED, P.ARMED):
         script = RunScript("run.yaml", 5, 4, "run.yaml")
         assert script.next(state, 5) is None
-        assert (script.finished, script.not_in_time, script.begun) == (True, True, False)
+        assert (script.finished, script.not_in_time, script.has_begun) == (True, True, False)
 
 
 def test_a_run_that_started_in_time_is_followed_to_its_end() -> None:
@@ -188,7 +188,7 @@ def test_a_run_that_started_in_time_is_followed_to_its_end() -> None:
 def test_a_word_goes_on_from_where_its_own_run_stands(state: P, event: E) -> None:
     script = word("run.yaml")
     assert script.next(state, 0) is event
-    assert script.begun
+    assert script.has_begun
     other = word("another.yaml")
     assert other.next(state, 0) is None
     assert "already" in other.problems[0]
@@ -198,7 +198,7 @@ def test_a_word_for_a_run_that_is_over_begins_none() -> None:
     for state in (P.RUNNING, P.STOPPING, P.FINISHED, P.ABORTING, P.ABORTED):
         script = word("run.yaml")
         assert script.next(state, 0) is None
-        assert not script.begun
+        assert not script.has_begun
 
 
 def test_the_first_verdict_that_says_more_than_valid_stays() -> None:

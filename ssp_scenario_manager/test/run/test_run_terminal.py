@@ -20,7 +20,7 @@ from tests.support.runs import cut_in_run
 LINES = ("phase approach", "trigger crossed")
 
 
-class HasSaid(Exception):
+class SessionStart(Exception):
     """Raised where the session is followed."""
 
 
@@ -50,11 +50,11 @@ def test_what_follows_a_session_waits_for_no_terminal_that_is_stopped(
         assert not set(LINES) & set(said)
         goes_on.set()
         until(is_read, "the terminal to take the lines")
-        raise HasSaid
+        raise SessionStart
 
     monkeypatch.setattr(over_dds, "_process_group", group)
     monkeypatch.setattr(over_dds, "follow", follow)
     run = RunSpec.model_validate({**cut_in_run(), "mode": "live"})
-    with pytest.raises(HasSaid):
+    with pytest.raises(SessionStart):
         over_dds.run_session(run, tmp_path, write, LiveSetup({}))
     assert tuple(said[-2:]) == LINES

@@ -21,8 +21,8 @@ from ssp_scenario_manager.run.sweep import (
 @pytest.mark.parametrize(
     ("text", "variation"),
     [
-        ("driver.cruise_mps=8:12", Variation("driver.cruise_mps", (8.0, 12.0), drawn=True)),
-        ("clock=-0.5:1e-1", Variation("clock", (-0.5, 0.1), drawn=True)),
+        ("driver.cruise_mps=8:12", Variation("driver.cruise_mps", (8.0, 12.0), is_drawn=True)),
+        ("clock=-0.5:1e-1", Variation("clock", (-0.5, 0.1), is_drawn=True)),
         ("disturbance.reorder=0,0.1", Variation("disturbance.reorder", (0, 0.1))),
         (" driver.reacts = true, false", Variation("driver.reacts", (True, False))),
         ("a.b=car", Variation("a.b", ("car",))),
@@ -60,7 +60,7 @@ def test_what_is_no_variation(text: str, says: str) -> None:
 def test_values_in_turn_make_a_grid_and_ranges_are_drawn() -> None:
     variations = [
         Variation("a", (1, 2)),
-        Variation("b", (0.0, 1.0), drawn=True),
+        Variation("b", (0.0, 1.0), is_drawn=True),
         Variation("c", ("x", "y", "z")),
     ]
     assert combinations(variations) == 6
@@ -75,16 +75,18 @@ def test_values_in_turn_make_a_grid_and_ranges_are_drawn() -> None:
 
 
 def test_a_draw_depends_on_seed_field_and_run_alone() -> None:
-    alone = [values_of([Variation("b", (8.0, 12.0), drawn=True)], 5, k)["b"] for k in range(50)]
+    alone = [values_of([Variation("b", (8.0, 12.0), is_drawn=True)], 5, k)["b"] for k in range(50)]
     beside = [
         values_of(
-            [Variation("a", (0.0, 1.0), drawn=True), Variation("b", (8.0, 12.0), drawn=True)], 5, k
+            [Variation("a", (0.0, 1.0), is_drawn=True), Variation("b", (8.0, 12.0), is_drawn=True)],
+            5,
+            k,
         )["b"]
         for k in range(50)
     ]
     assert alone == beside
     assert alone != [
-        values_of([Variation("b", (8.0, 12.0), drawn=True)], 6, k)["b"] for k in range(50)
+        values_of([Variation("b", (8.0, 12.0), is_drawn=True)], 6, k)["b"] for k in range(50)
     ]
     assert min(alone) < 8.5
     assert max(alone) > 11.5
@@ -128,8 +130,8 @@ def test_what_is_no_field_or_no_value_of_it(
 
 def test_each_bound_is_a_value_and_no_field_is_named_twice(run: RunSpec) -> None:
     with pytest.raises(InputError, match="less than or equal"):
-        Sweep(run, (Variation("step_s", (0.02, 0.5), drawn=True),), 1).check()
-    twice = Variation("limits.jump_m", (1,)), Variation("limits.jump_m", (1.0, 2.0), drawn=True)
+        Sweep(run, (Variation("step_s", (0.02, 0.5), is_drawn=True),), 1).check()
+    twice = Variation("limits.jump_m", (1,)), Variation("limits.jump_m", (1.0, 2.0), is_drawn=True)
     with pytest.raises(InputError, match="twice"):
         Sweep(run, twice, 1).check()
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ssp_core.geometry import FloatArray, Polyline
 from ssp_core.motion.manoeuvre import lane_change
-from ssp_scenario_manager.dispatch.planned_motion import as_planned, play, toward, wanted_rate
+from ssp_scenario_manager.dispatch.planned_motion import as_planned, play, required_rate, toward
 
 S = 1_000_000_000
 COLUMNS: FloatArray = lane_change(
@@ -55,15 +55,15 @@ def test_an_own_time_is_reached_when_it_should(
     old = toward(as_planned(0), 0, before, 50.0)
     start = round(after_s * S)
     own = old.at(start)[0] + average * in_s
-    wanted = wanted_rate(old, start, own, in_s)
+    wanted = required_rate(old, start, own, in_s)
     if not 0.3 < wanted < 3.0:
         return
     new = toward(old, start, wanted, own)
-    assert new.reached_ns(own) == pytest.approx(start + in_s * S, abs=1000)
+    assert new.arrival_ns(own) == pytest.approx(start + in_s * S, abs=1000)
     assert new.at(start + round(in_s * S))[0] == pytest.approx(own, abs=1e-6)
     # The same wish a little later changes nothing.
     later = start + round(0.3 * in_s * S)
-    assert wanted_rate(new, later, own, 0.7 * in_s) == pytest.approx(wanted, abs=1e-4)
+    assert required_rate(new, later, own, 0.7 * in_s) == pytest.approx(wanted, abs=1e-4)
 
 
 def test_after_its_own_time_the_pace_goes_back_to_the_planned_one() -> None:
@@ -71,12 +71,12 @@ def test_after_its_own_time_the_pace_goes_back_to_the_planned_one() -> None:
     own, rate, change = pace.at(20 * S)
     assert (rate, change) == pytest.approx((1.0, 0.0), abs=1e-6)
     assert own > 20.0
-    assert toward(pace, 21 * S, 0.7, 2.0).wanted == 1.0
+    assert toward(pace, 21 * S, 0.7, 2.0).target == 1.0
 
 
 def test_what_is_due_at_once_needs_no_finite_pace() -> None:
-    assert wanted_rate(as_planned(0), S, 2.0, 0.0) == float("inf")
-    assert wanted_rate(as_planned(0), S, 2.0, -1.0) == float("inf")
+    assert required_rate(as_planned(0), S, 2.0, 0.0) == float("inf")
+    assert required_rate(as_planned(0), S, 2.0, -1.0) == float("inf")
 
 
 def test_before_it_begins_an_object_waits_where_it_begins() -> None:

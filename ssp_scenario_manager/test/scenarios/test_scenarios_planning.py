@@ -177,7 +177,7 @@ def check(event: Event, place: Block, plan: Plan) -> None:
         assert (gap.min or 0.0) - 1e-9 <= seen.time_gap_s <= (gap.max or math.inf) + 1e-9
     assert seen.separation_m > LIMITS.separation_m
     # Every chosen value lies in its interval.
-    for field, (value, unit, _) in plan.chosen.items():
+    for field, (value, unit, _) in plan.choices.items():
         found = quantity_at(event, field)
         if isinstance(found, Interval):
             assert unit in units_of(UNITS[found.unit].dimension)[:1]

@@ -14,8 +14,8 @@ from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.values import (
     Choice,
+    choice_entries,
     choose,
-    chosen,
     combinations,
     fixed,
     quantity_at,
@@ -107,9 +107,9 @@ def test_combinations_go_out_from_the_preferred_values() -> None:
     assert found[0] == {"a": 1.0, "b": 10.0}
     assert len(found) == 6
     assert found[-1] == {"a": 3.0, "b": 20.0}
-    told = chosen(choices, found[-1])
+    told = choice_entries(choices, found[-1])
     assert told["a"][2] == "1 m (x) doesn't work here"
-    assert chosen(choices, found[0])["b"] == (10.0, "m", "y")
+    assert choice_entries(choices, found[0])["b"] == (10.0, "m", "y")
 
 
 @settings(deadline=None)

@@ -16,7 +16,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import TrafficSpec
 from ssp_core.vocabulary import PHASES, Phase, Verdict
 from ssp_scenario_manager.checks.check import check_event
-from ssp_scenario_manager.closed_loop.starts.box import drawn_run, gap_draw
+from ssp_scenario_manager.closed_loop.starts.box import draw_run_values, gap_draw
 from ssp_scenario_manager.closed_loop.starts.places import Places
 from ssp_scenario_manager.closed_loop.starts.start import prepared, without_event
 from ssp_scenario_manager.compile.area import OperatingArea, clear_traffic
@@ -203,7 +203,9 @@ def test_starts_that_overlap_are_refused_by_their_distance() -> None:
 def test_the_compiler_chooses_a_gap_that_keeps_clear() -> None:
     """The middle of K*'s gap would put its start on the car that cuts in."""
     near = ("car", ("left_lane", "ahead"), (36.0, 46.0), *LEAD[3:])
-    chosen = place(with_further("cut_in", {"ot2": near})).plan.chosen["participants.ot2.region.gap"]
+    chosen = place(with_further("cut_in", {"ot2": near})).plan.choices[
+        "participants.ot2.region.gap"
+    ]
     assert chosen[0] > 41.0
     assert chosen[1:] == ("m", "41 m (middle of what K* allows) doesn't work here")
 
@@ -253,7 +255,7 @@ def test_surroundings_keep_out_of_the_lane_of_an_oncoming_participant() -> None:
 
 def test_a_start_draws_the_speed_of_a_further_participant() -> None:
     event, run = several("lead_ahead_of_a_cut_in"), run_of("lead_ahead_of_a_cut_in")
-    drawn, values = drawn_run(prepared(run), event, 3)
+    drawn, values = draw_run_values(prepared(run), event, 3)
     assert 12.0 <= values["targets.1.approach.cruise_mps"] <= 14.0
     # It goes on in the event-free twin, in which the initiator does nothing.
     assert without_event(drawn, 20.0).targets == drawn.targets

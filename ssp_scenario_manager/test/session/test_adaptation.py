@@ -111,11 +111,11 @@ class Drive:
     def __init__(
         self, planned_motion: PlannedMotion, asked: Adaptation, x_m: float, limits: Limits = LIMITS
     ):
-        self.asked = asked
+        self.adaptation = asked
         who = WALKER if planned_motion.zone.start_m < planned_motion.zone.end_m else CAR
         run = RunSpec.model_validate(cut_in_run())
         run = run.model_copy(update={"limits": limits, "geofence": FENCE, "step_s": 0.02})
-        self.known = AdaptedManoeuvre(planned_motion, run, who, asked, PATH, 10 * S)
+        self.manoeuvre = AdaptedManoeuvre(planned_motion, run, who, asked, PATH, 10 * S)
         self.t_s, self.x_m = 10.0, x_m
         self.sent: list[tuple[float, Decision]] = []
         self.notes: list[str] = []
@@ -129,7 +129,7 @@ class Drive:
         for _ in range(round(seconds / 0.02)):
             dx, dv = noise * rng.standard_normal(2)
             seen = vut(self.t_s, self.x_m + dx, speed_mps + dv, acceleration)
-            found = self.known.judge(seen, round(self.t_s * S))
+            found = self.manoeuvre.judge(seen, round(self.t_s * S))
             if found.pace is not None:
                 self.sent.append((self.t_s, found))
             self.notes += [found.note] if found.note else []
@@ -137,18 +137,18 @@ class Drive:
             self.t_s += 0.02
             self.x_m += speed_mps * 0.02
             front = self.x_m + VUT.size.front_m
-            if self.arrived_s is None and front >= self.known.planned_motion.zone.start_m:
+            if self.arrived_s is None and front >= self.manoeuvre.planned_motion.zone.start_m:
                 self.arrived_s = (
-                    self.t_s - (front - self.known.planned_motion.zone.start_m) / speed_mps
+                    self.t_s - (front - self.manoeuvre.planned_motion.zone.start_m) / speed_mps
                 )
             speed_mps = max(speed_mps + acceleration * 0.02, 0.0)
 
     @property
     def gap_s(self) -> float:
         """The time gap of METHOD 1 at the last pace."""
-        planned_motion, first = self.known.planned_motion, self.asked.first == "initiator"
+        planned_motion, first = self.manoeuvre.planned_motion, self.adaptation.first == "initiator"
         own_s = planned_motion.departure_s if first else planned_motion.arrival_s
-        decisive_s = self.known.played.pace.reached_ns(own_s) / S
+        decisive_s = self.manoeuvre.played.pace.arrival_ns(own_s) / S
         arrived_s = self.arrived_s
         assert arrived_s is not None
         return arrived_s - decisive_s if first else decisive_s - arrived_s
@@ -321,14 +321,14 @@ def test_it_goes_no_faster_and_brakes_no_harder_than_allowed() -> None:
         assert columns[5].max() <= 2.0 + 1e-9
         assert columns[5].min() >= -3.0 - 1e-9
         slowest, fastest = 0.6, 1.4
-        assert slowest <= decision.pace.wanted <= fastest
+        assert slowest <= decision.pace.target <= fastest
 
 
 def test_a_gap_that_can_not_be_met_is_approached_and_told_once() -> None:
     drive = Drive(crossing(), wish(0.8), 55.0)
     drive.go(3.5, 13.5)
     assert drive.sent[-1][1].pace is not None
-    assert drive.sent[-1][1].pace.wanted == pytest.approx(1.4)
+    assert drive.sent[-1][1].pace.target == pytest.approx(1.4)
     told = [note for note in drive.notes if "as much as the limits allow" in note]
     assert len(told) == 1
     assert drive.wrong == []
@@ -344,12 +344,14 @@ def test_a_passing_order_that_can_not_be_kept_ends_the_event() -> None:
 
 def test_where_the_vut_comes_first_the_other_waits_for_it() -> None:
     drive = Drive(cut_in(12.0), wish(0.5, "vut"), 0.0)
-    zone = drive.known.planned_motion.zone
-    comes_s = drive.known.planned_motion.execute_at_ns / S + drive.known.planned_motion.arrival_s
+    zone = drive.manoeuvre.planned_motion.zone
+    comes_s = (
+        drive.manoeuvre.planned_motion.execute_at_ns / S + drive.manoeuvre.planned_motion.arrival_s
+    )
     # At 14 m/s its rear would have left 0.5 s before the other one arrives.
     drive.x_m = zone.end_m + VUT.size.length_m - VUT.size.front_m - 14.0 * (comes_s - 0.5 - 10.0)
     drive.go(1.0, 13.0)
-    assert all(d.pace is not None and d.pace.wanted < 1.0 for _, d in drive.sent)
+    assert all(d.pace is not None and d.pace.target < 1.0 for _, d in drive.sent)
     assert drive.sent
     drive.go(1.0, 2.0)
     assert "the object target would be" in drive.wrong[0]
@@ -378,7 +380,7 @@ def test_a_vut_that_stops_makes_nobody_creep() -> None:
     drive = Drive(planned_motion, wish(0.5, response_mps2=None), 60.0)
     drive.go(3.0, 10.0, acceleration=-5.0)
     planned_s = (planned_motion.execute_at_ns / S) + planned_motion.columns[0, -1]
-    ends_s = drive.known.played.pace.reached_ns(float(planned_motion.columns[0, -1])) / S
+    ends_s = drive.manoeuvre.played.pace.arrival_ns(float(planned_motion.columns[0, -1])) / S
     assert ends_s < 10.0 + (planned_s - 10.0) / 0.6
 
 
@@ -387,8 +389,11 @@ def test_near_its_decisive_instant_nothing_changes_any_more() -> None:
     drive = Drive(planned_motion, wish(0.5, freeze_s=1.0), 60.0)
     drive.go(8.0, 10.0)
     last_s = max((t for t, _ in drive.sent), default=0.0)
-    assert last_s <= drive.known.played.pace.reached_ns(planned_motion.departure_s) / S - 1.0 + 1e-6
-    assert drive.known.over == "the conflict is at hand"
+    assert (
+        last_s
+        <= drive.manoeuvre.played.pace.arrival_ns(planned_motion.departure_s) / S - 1.0 + 1e-6
+    )
+    assert drive.manoeuvre.over == "the conflict is at hand"
 
 
 def test_every_reference_goes_on_where_the_one_before_has_led() -> None:
@@ -409,16 +414,16 @@ def test_every_reference_goes_on_where_the_one_before_has_led() -> None:
 def test_a_late_reference_is_forgotten_and_the_next_one_gets_more_time() -> None:
     drive = Drive(crossing(), wish(0.8), 62.0)
     drive.go(0.3, 8.5)
-    known = drive.known
+    known = drive.manoeuvre
     assert known.played.pace != known.played.taken
     pace = known.played.pace
-    known.answered(pace, accepted=False)
+    known.on_answer(pace, accepted=False)
     played = known.played
     assert (played.pace, played.lead_ns, played.refused) == (played.taken, S // 5, 1)
     for _ in range(2):
-        known.answered(pace, accepted=False)
+        known.on_answer(pace, accepted=False)
     assert (known.played.lead_ns, known.played.refused) == (2 * S // 5, 3)
-    known.answered(pace, accepted=True)
+    known.on_answer(pace, accepted=True)
     assert (known.played.taken, known.played.refused) == (pace, 0)
 
 

@@ -40,7 +40,7 @@ BY_ARRIVAL = [one for one in TABLE if not one.values[1].by_stamp]
 BY_STAMP = [one for one in TABLE if one.values[1].by_stamp]
 
 
-def heard(run: RunSpec, silence_s: dict[SignOfLife, float]) -> LivenessMonitor:
+def liveness_with(run: RunSpec, silence_s: dict[SignOfLife, float]) -> LivenessMonitor:
     """Everybody was heard just now but those of whom it is said; an infinite silence: never."""
     liveness = LivenessMonitor()
     for target in run.targets:
@@ -87,7 +87,7 @@ def test_arming_asks_for_half_of_each_limit(
 
     def missing(silence_s: float) -> list[str]:
         driver = in_place(make_driver, run, sign, silence_s)
-        return what_is_missing(driver, heard(run, {sign: silence_s}), gate)
+        return what_is_missing(driver, liveness_with(run, {sign: silence_s}), gate)
 
     for kept_s in (0.0, sign.arming_limit_s):
         # A live VUT has a stricter limit of its own, by its trigger.
@@ -104,7 +104,7 @@ def test_what_was_never_heard_is_missing(
     make_driver: Any, run: RunSpec, sign: SignOfLife, gate: Gate
 ) -> None:
     driver = in_place(make_driver, run, sign, 0.0)
-    (told,) = what_is_missing(driver, heard(run, {sign: math.inf}), gate)
+    (told,) = what_is_missing(driver, liveness_with(run, {sign: math.inf}), gate)
     assert "inf" not in told
     assert "limit" not in told
 
@@ -113,7 +113,7 @@ def test_what_was_never_heard_is_missing(
 def test_a_longer_silence_ends_a_session(run: RunSpec, sign: SignOfLife) -> None:
     for phase in WATCHED:
         for late_s, ends in ((sign.limit_s, False), (sign.limit_s + MS_S, phase in sign.phases)):
-            found = heard(run, {sign: late_s}).violations(run, phase, NOW_NS, NOW_NS)
+            found = liveness_with(run, {sign: late_s}).violations(run, phase, NOW_NS, NOW_NS)
             assert [v.code for v in found] == ([sign.code] if ends else []), phase
 
 
@@ -153,7 +153,7 @@ def test_what_ends_an_armed_session_keeps_it_from_being_armed(
     make_driver: Any, run: RunSpec, data: st.DataObject
 ) -> None:
     late = {sign: data.draw(SILENCE_S) for sign in signs_of_life(run) if data.draw(st.booleans())}
-    liveness = heard(run, late)
+    liveness = liveness_with(run, late)
     liveness.recorder_lost = data.draw(st.integers(0, 1))
     if data.draw(st.booleans()):
         liveness.foreign["session_state"] = 1, "session_state has /x and /y"
@@ -196,7 +196,7 @@ def test_states_that_end_an_armed_session_keep_it_from_being_armed(
     fence = ((-3.5, -1.5), (60.0, -1.5), (60.0, 5.0), (-3.5, 5.0))
     run = run.model_copy(update={"limits": limits, "geofence": fence})
     driver = in_place(make_driver, run, signs_of_life(run)[0], 0.0)
-    assert not what_is_missing(driver, heard(run, {}), Gate.START)
+    assert not what_is_missing(driver, liveness_with(run, {}), Gate.START)
     for who, state in (("vut", driver.vut), *driver.targets.items()):
         reference_id = data.draw(st.sampled_from(["", "of an earlier run"]))
         drawn = {"reference_id": reference_id, "control_state": state.control_state}
@@ -208,13 +208,13 @@ def test_states_that_end_an_armed_session_keep_it_from_being_armed(
     present = [driver.vut, *driver.targets.values()]
     if found := session_limits.violations(present, run):
         for gate in (Gate.ARM, Gate.START):
-            assert what_is_missing(driver, heard(run, {}), gate), found
+            assert what_is_missing(driver, liveness_with(run, {}), gate), found
 
 
 def test_an_error_off_a_reference_of_before_is_named(make_driver: Any) -> None:
     driver = in_place(make_driver, RUNS[1], signs_of_life(RUNS[1])[0], 0.0)
     driver.move("ot1", reference_id="an earlier run", error_lateral_m=-1.5)
-    assert what_is_missing(driver, heard(RUNS[1], {}), Gate.ARM) == [
+    assert what_is_missing(driver, liveness_with(RUNS[1], {}), Gate.ARM) == [
         "the state of ot1 passes a limit: error_lateral -1.50 m, limit 0.8 m"
     ]
 
@@ -236,6 +236,6 @@ def test_the_heading_that_is_stated_at_rest_counts_for_fence_and_separation_too(
     run = run.model_copy(update={"limits": limits, "geofence": fence})
     driver = in_place(make_driver, run, signs_of_life(run)[0], 0.0)
     driver.move("vut", yaw_rad=yaw_rad)
-    missing = what_is_missing(driver, heard(run, {}), Gate.ARM)
+    missing = what_is_missing(driver, liveness_with(run, {}), Gate.ARM)
     assert says in [text for text in missing if text.startswith("vut")]
     assert session_limits.violations([driver.vut], run)

@@ -22,7 +22,7 @@ NOW_NS = 8 * S
 FENCE = [(-10.0, -6.0), (300.0, -6.0), (300.0, 10.0), (-10.0, 10.0)]
 
 
-def judged(reference: Reference, current: Any, previous: Reference | None) -> Refusal | None:
+def check_of(reference: Reference, current: Any, previous: Reference | None) -> Refusal | None:
     limits = Limits(speed_mps=15.0, acceleration_mps2=4.5)
     return check_reference(
         reference,
@@ -58,7 +58,7 @@ def refusals(here: Any, current: Reference | None) -> tuple[list[RefusalCode], R
     """Return the refusals of a stale reference and one out of the fence, and the latter itself."""
     old = invalid_references.stale("r", here, current, "sha256:event", NOW_NS)
     out = invalid_references.out_of_fence("r", here, current, "sha256:event", NOW_NS, FENCE)
-    given = [judged(old, here, current), judged(out, here, current)]
+    given = [check_of(old, here, current), check_of(out, here, current)]
     return [one.code for one in given if one is not None], out
 
 

@@ -81,14 +81,14 @@ def test_in_a_driven_run_only_objects_keep_apart(
 
 @pytest.mark.parametrize("limit_s", [0.125, 2.0])
 def test_silence(limit_s: float) -> None:
-    def judged(age_s: float) -> Violation | None:
+    def violation_at(age_s: float) -> Violation | None:
         return limits.silent(SafetyCode.RECORDER, "monitor", age_s, limit_s, 3)
 
     for age_s in (0.0, math.nextafter(limit_s, 0.0), limit_s):
-        assert judged(age_s) is None
+        assert violation_at(age_s) is None
     for age_s in (math.nextafter(limit_s, 9.0), math.inf):
-        assert judged(age_s) == Violation(SafetyCode.RECORDER, "monitor", age_s, limit_s, 3)
-    assert judged(math.nan) is not None
+        assert violation_at(age_s) == Violation(SafetyCode.RECORDER, "monitor", age_s, limit_s, 3)
+    assert violation_at(math.nan) is not None
 
 
 @pytest.mark.parametrize("allowance_ns", [0, S // 4])

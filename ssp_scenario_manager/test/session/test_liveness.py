@@ -45,7 +45,7 @@ def links(offset_s: float = 0.0, delay_s: float = 0.0, age_s: float = 0.0) -> Li
     return made
 
 
-def heard_at(ages_s: dict[str, float], measured: LinkClocks | None = None) -> LivenessMonitor:
+def liveness_at(ages_s: dict[str, float], measured: LinkClocks | None = None) -> LivenessMonitor:
     liveness = LivenessMonitor(measured or links())
     for who in EVERYBODY:
         liveness.hear(who, NOW_NS - round(ages_s.get(who, 0.0) * 1e9))
@@ -80,9 +80,9 @@ def test_silence_ends_a_session_past_its_limit(
     who: str, limit_s: float, code: SafetyCode, mode: str, phase: SessionPhase, run: RunSpec
 ) -> None:
     spec = with_camera(run, mode)
-    assert codes(heard_at({who: limit_s - 0.001}), spec, phase) == []
-    assert codes(heard_at({who: limit_s}), spec, phase) == []
-    assert codes(heard_at({who: limit_s + 0.001}), spec, phase) == [code]
+    assert codes(liveness_at({who: limit_s - 0.001}), spec, phase) == []
+    assert codes(liveness_at({who: limit_s}), spec, phase) == []
+    assert codes(liveness_at({who: limit_s + 0.001}), spec, phase) == [code]
 
 
 @pytest.mark.parametrize(
@@ -98,13 +98,13 @@ def test_silence_ends_a_session_past_its_limit(
 def test_whose_silence_is_not_judged_here(
     who: str, mode: str, phase: SessionPhase, run: RunSpec
 ) -> None:
-    assert codes(heard_at({who: 99.0}), with_camera(run, mode), phase) == []
+    assert codes(liveness_at({who: 99.0}), with_camera(run, mode), phase) == []
 
 
 def test_a_hold_for_a_driver_is_no_silence_of_the_vut_or_the_camera(run: RunSpec) -> None:
     """A model may take a minute; the world says meanwhile that it holds."""
     spec = with_camera(run, "lockstep")
-    liveness = heard_at({names.VUT_ID: 60.0, names.FRONT_CAMERA: 60.0, names.MONITOR: 60.0})
+    liveness = liveness_at({names.VUT_ID: 60.0, names.FRONT_CAMERA: 60.0, names.MONITOR: 60.0})
     assert codes(liveness, spec) == [C.VUT_SILENT, C.RECORDER, C.PARTICIPANT_LOST]
     liveness.hear_hold(NOW_NS)
     # The recorder writes on, and goes on to say so.
@@ -141,7 +141,7 @@ def test_who_was_never_heard_is_silent_for_ever(run: RunSpec) -> None:
 
 
 def test_a_run_without_a_camera_misses_none(run: RunSpec) -> None:
-    assert codes(heard_at({names.FRONT_CAMERA: 60.0}), run) == []
+    assert codes(liveness_at({names.FRONT_CAMERA: 60.0}), run) == []
 
 
 @pytest.mark.parametrize("mode", ["realtime", "live"])
@@ -170,10 +170,10 @@ def test_a_bad_link_ends_a_session(
     code: SafetyCode,
 ) -> None:
     spec = with_camera(run, mode)
-    assert codes(heard_at({}, links(**inside)), spec, phase) == []
-    assert codes(heard_at({}, links(**outside)), spec, phase) == [code]
+    assert codes(liveness_at({}, links(**inside)), spec, phase) == []
+    assert codes(liveness_at({}, links(**outside)), spec, phase) == [code]
     # In lockstep what a link does shows in simulated time; answers come by the wall clock.
-    assert codes(heard_at({}, links(**outside)), with_camera(run, "lockstep"), phase) == []
+    assert codes(liveness_at({}, links(**outside)), with_camera(run, "lockstep"), phase) == []
 
 
 @pytest.mark.parametrize("way_s", [(0.0, 0.6), (0.6, 0.0), (0.3, 0.3)])
@@ -181,16 +181,16 @@ def test_a_late_link_is_no_wrong_clock(run: RunSpec, way_s: tuple[float, float])
     there_s, back_s = way_s
     measured = links(offset_s=0.5 * (there_s - back_s), delay_s=there_s + back_s)
     spec = with_camera(run, "live")
-    assert codes(heard_at({}, measured), spec) == [C.LINK_DELAY]
+    assert codes(liveness_at({}, measured), spec) == [C.LINK_DELAY]
     # A clock that is wrong by more than the delay can explain is named behind it.
     measured = links(offset_s=0.4, delay_s=0.6)
-    assert codes(heard_at({}, measured), spec) == [C.LINK_DELAY, C.CLOCK_OFFSET]
+    assert codes(liveness_at({}, measured), spec) == [C.LINK_DELAY, C.CLOCK_OFFSET]
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime", "live"])
 def test_losses_and_other_managers(run: RunSpec, mode: str) -> None:
     spec = with_camera(run, mode)
-    liveness = heard_at({})
+    liveness = liveness_at({})
     liveness.hear_recorder(True, (), 1, NOW_NS)
     assert codes(liveness, spec) == [C.RECORDER]
     liveness.hear_recorder(True, (), 0, NOW_NS)
@@ -208,7 +208,7 @@ def test_an_adapter_that_is_silent_says_nothing_any_more(
 
 
 def test_the_facts_that_arming_asks_for(run: RunSpec) -> None:
-    liveness = heard_at({names.VUT_ID: 0.25, "ot1": 0.5}, links(0.01, 0.02, 0.125))
+    liveness = liveness_at({names.VUT_ID: 0.25, "ot1": 0.5}, links(0.01, 0.02, 0.125))
     liveness.hear_recorder(False, ("/ssp/a",), 3, NOW_NS)
     liveness.foreign["clock"] = 1, "clock has /y"
     facts = liveness.facts(run, NOW_NS)
@@ -272,6 +272,6 @@ def test_objects_are_not_asked_to_arm_again_within_a_second_of_a_refusal(run: Ru
         assert "refused" not in " ".join(live_obstacles(liveness, run, Gate.START, 100.0 + after_s))
     liveness.hear_refusal("ot1", "another K* version", True, NOW_NS)
     assert liveness.facts(run, NOW_NS).is_hopeless
-    liveness.told_to_arm()
+    liveness.begin_arming()
     assert liveness.facts(run, NOW_NS).refusals == {}
     assert not liveness.facts(run, NOW_NS).is_hopeless

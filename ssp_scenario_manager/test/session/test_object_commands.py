@@ -17,7 +17,7 @@ MS = 1_000_000
 ARM, DISARM, CLEAR = ObjectCommand.ARM, ObjectCommand.DISARM, ObjectCommand.ALL_CLEAR
 
 
-def asked(command: ObjectCommand, at_ms: int = 0) -> ObjectCommands:
+def pending_commands(command: ObjectCommand, at_ms: int = 0) -> ObjectCommands:
     commands = ObjectCommands()
     commands.ask({"ot1": "sha256:rules"}, command, "sha256:event", "m/1", at_ms * MS)
     return commands
@@ -29,7 +29,7 @@ def due(commands: ObjectCommands, at_ms: int, there: bool = True) -> list[Pendin
 
 @pytest.mark.parametrize("command", ObjectCommand)
 def test_a_command_waits_until_the_service_is_there(command: ObjectCommand) -> None:
-    commands = asked(command)
+    commands = pending_commands(command)
     assert due(commands, 1900, there=False) == []
     assert not commands.all_sent(command)
     (one,) = due(commands, 1950)
@@ -41,7 +41,7 @@ def test_a_command_waits_until_the_service_is_there(command: ObjectCommand) -> N
 
 
 def test_a_lost_disarm_is_repeated_until_it_is_answered() -> None:
-    commands = asked(DISARM)
+    commands = pending_commands(DISARM)
     (one,) = due(commands, 0)
     for at_ms in range(500, 60_000, 500):
         assert due(commands, at_ms - 1) == []
@@ -54,7 +54,7 @@ def test_a_lost_disarm_is_repeated_until_it_is_answered() -> None:
 
 
 def test_an_all_clear_is_repeated_for_two_seconds_at_most() -> None:
-    commands = asked(CLEAR)
+    commands = pending_commands(CLEAR)
     (one,) = due(commands, 0)
     assert commands.on_answer(one, False, "another abort than that stops it")
     assert due(commands, 500) == [one]
@@ -68,7 +68,7 @@ def test_an_all_clear_is_repeated_for_two_seconds_at_most() -> None:
 
 
 def test_a_new_abort_ends_the_clearing_of_the_one_before() -> None:
-    commands = asked(CLEAR)
+    commands = pending_commands(CLEAR)
     (one,) = due(commands, 0)
     commands.forget_for_abort()
     assert due(commands, 600) == []
@@ -77,13 +77,13 @@ def test_a_new_abort_ends_the_clearing_of_the_one_before() -> None:
 
 def test_an_arm_that_waits_for_a_service_ends_with_an_abort() -> None:
     """It would arm an object that no session is going to lead."""
-    commands = asked(ARM)
+    commands = pending_commands(ARM)
     assert due(commands, 100, there=False) == []
     commands.forget_for_abort()
     assert due(commands, 200) == commands.overdue(9000 * MS) == []
     assert commands.all_sent(ARM)
     # One that was sent may still be refused, with its reason.
-    commands = asked(ARM)
+    commands = pending_commands(ARM)
     (one,) = due(commands, 0)
     commands.forget_for_abort()
     assert due(commands, 9000) == []
@@ -91,16 +91,16 @@ def test_an_arm_that_waits_for_a_service_ends_with_an_abort() -> None:
 
 
 def test_an_abort_leaves_a_disarm_that_waits() -> None:
-    commands = asked(DISARM)
+    commands = pending_commands(DISARM)
     commands.forget_for_abort()
     assert len(due(commands, 0)) == 1
 
 
 def test_an_arm_is_sent_once_and_given_up_where_it_could_not_be_heard() -> None:
-    commands = asked(ARM)
+    commands = pending_commands(ARM)
     assert len(due(commands, 100)) == 1
     assert due(commands, 5000) == commands.overdue(5000 * MS) == []
-    commands = asked(ARM)
+    commands = pending_commands(ARM)
     assert due(commands, 3000, there=False) == commands.overdue(3000 * MS) == []
     assert ARM_WAIT_S == 3.0
     (one,) = commands.overdue(3001 * MS)
@@ -109,7 +109,7 @@ def test_an_arm_is_sent_once_and_given_up_where_it_could_not_be_heard() -> None:
 
 
 def test_a_newer_command_takes_the_place_of_what_waits() -> None:
-    commands = asked(DISARM)
+    commands = pending_commands(DISARM)
     (old,) = due(commands, 0)
     commands.ask({"ot1": "sha256:rules"}, ARM, "sha256:event", "", 100 * MS)
     (new,) = due(commands, 100)

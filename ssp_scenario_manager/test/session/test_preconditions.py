@@ -46,7 +46,7 @@ def ages(**changed: float) -> Changes:
 def ask(run_mapping: dict[str, Any], state: StateMaker) -> Ask:
     """A function that names the obstacles of a sound session with some changes."""
 
-    def asked(
+    def missing_at(
         event: Gate = ARM,
         facts: Changes = NONE,
         vut: Changes = NONE,
@@ -65,7 +65,7 @@ def ask(run_mapping: dict[str, Any], state: StateMaker) -> Ask:
         found = obstacles(event, spec, replace(READY, **facts), own, targets, NOW_NS)
         return [obstacle.text for obstacle in found]
 
-    return asked
+    return missing_at
 
 
 def second(run_mapping: dict[str, Any], x_m: float, y_m: float) -> list[dict[str, Any]]:

@@ -26,7 +26,7 @@ class Graph:
 
     def __init__(self) -> None:
         self.topics: dict[str, list[Any]] = defaultdict(list)
-        self.heard_by_adapter: list[str] | None = None
+        self.adapter_topics: list[str] | None = None
         self.handle = self
 
     def add(self, topic: str, node: str, process: int, host: int = 7) -> Any:
@@ -45,10 +45,10 @@ class Graph:
     def get_subscriber_names_and_types_by_node(
         self, node: str, namespace: str
     ) -> list[tuple[str, list[str]]]:
-        if self.heard_by_adapter is None:
+        if self.adapter_topics is None:
             raise NodeNameNonExistentError
         assert (node, namespace) == (names.VUT_ADAPTER, names.NAMESPACE)
-        return [(topic, ["t"]) for topic in self.heard_by_adapter]
+        return [(topic, ["t"]) for topic in self.adapter_topics]
 
     def get_publishers_info_by_topic(self, topic: str) -> list[Any]:
         return self.topics[topic]
@@ -140,7 +140,7 @@ def test_an_object_whose_process_began_anew_is_waited_out(watched: Watched) -> N
 
 def test_the_receivers_topics_have_one_publisher_each(watched: Watched) -> None:
     """The track that two publishers of odometry make between them is none that the VUT drove."""
-    watched.graph.heard_by_adapter = ["/ins/odometry", "/clock"]
+    watched.graph.adapter_topics = ["/ins/odometry", "/clock"]
     watched.graph.add("/ins/odometry", "ins", 9)
     assert watched.look(1.0) == ""
     second = watched.graph.add("/ins/odometry", "old_bag", 8)
@@ -152,11 +152,11 @@ def test_the_receivers_topics_have_one_publisher_each(watched: Watched) -> None:
 
 
 def test_topics_that_the_adapter_hears_no_more_are_forgotten(watched: Watched) -> None:
-    watched.graph.heard_by_adapter = ["/ins/odometry"]
+    watched.graph.adapter_topics = ["/ins/odometry"]
     for node in ("ins", "old_bag"):
         watched.graph.add("/ins/odometry", node, 9)
     assert "/ins/odometry" in watched.look(0.2)
-    watched.graph.heard_by_adapter = ["/other/odometry"]
+    watched.graph.adapter_topics = ["/other/odometry"]
     assert watched.look(0.2) == ""
 
 

@@ -235,7 +235,7 @@ def armed(driver: Any) -> Supervisor:
     return Supervisor(driver.session, liveness)
 
 
-def said(driver: Any) -> list[str]:
+def arm_failures(driver: Any) -> list[str]:
     return [f.reason for f in driver.session.outbox if getattr(f, "event", "") == "arm_failed"]
 
 
@@ -247,12 +247,12 @@ def test_objects_have_their_time_to_arm(driver: Any, heard: ControlState | None)
     else:
         targets["ot1"] = replace(targets["ot1"], control_state=heard)
     supervisor.look(99 * S, driver.now_ns)  # nobody was told to
-    supervisor.objects_were_told_to_arm(100 * S)
+    supervisor.on_arm_commands(100 * S)
     supervisor.look(100 * S + ARM_NS, driver.now_ns)
-    assert (said(driver), driver.session.state) == ([], SessionPhase.ARMED)
+    assert (arm_failures(driver), driver.session.state) == ([], SessionPhase.ARMED)
     supervisor.look(100 * S + ARM_NS + 1, driver.now_ns)
     supervisor.look(200 * S, driver.now_ns)
-    assert said(driver) == [f"ot1 did not arm in {ARM_CONFIRMATION_S:g} s"]
+    assert arm_failures(driver) == [f"ot1 did not arm in {ARM_CONFIRMATION_S:g} s"]
     assert driver.session.state is SessionPhase.CONNECTED
 
 
@@ -260,7 +260,7 @@ def test_objects_have_their_time_to_arm(driver: Any, heard: ControlState | None)
 def test_nothing_to_wait_for(driver: Any, phase: str) -> None:
     supervisor, targets = armed(driver), driver.session.targets
     waiting = replace(targets["ot1"], control_state=ControlState.DISARMED)
-    supervisor.objects_were_told_to_arm(0)
+    supervisor.on_arm_commands(0)
     if phase == "CONNECTED":
         driver.command("disarm")
     else:
@@ -269,7 +269,7 @@ def test_nothing_to_wait_for(driver: Any, phase: str) -> None:
     # That it was settled once is enough, whatever comes later.
     targets["ot1"] = waiting
     supervisor.look(9 * S, driver.now_ns)
-    assert (said(driver), driver.session.state.name) == ([], phase)
+    assert (arm_failures(driver), driver.session.state.name) == ([], phase)
 
 
 class Aborting:

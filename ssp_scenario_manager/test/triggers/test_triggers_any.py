@@ -174,7 +174,7 @@ def singles(condition: dict[str, Any]) -> list[dict[str, Any]]:
     return [condition]
 
 
-def judged(arrivals: list[Arrival]) -> list[Arrival]:
+def newer_arrivals(arrivals: list[Arrival]) -> list[Arrival]:
     """Those that are newer than all before."""
     return [
         a
@@ -192,7 +192,7 @@ def fires(
     arrivals: list[Arrival],
 ) -> tuple[int, int] | None:
     """(Crossing, stamp) of the only firing, None: there is none."""
-    counted = [a for a in judged(arrivals) if a.vut.stamp_ns >= start_ns + not_before_ns]
+    counted = [a for a in newer_arrivals(arrivals) if a.vut.stamp_ns >= start_ns + not_before_ns]
     for n in range(1, len(counted) + 1):
         history = counted[:n]
         begin, end = 2 * history[0].vut.stamp_ns, 2 * history[-1].vut.stamp_ns

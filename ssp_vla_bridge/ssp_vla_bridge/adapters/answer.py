@@ -26,12 +26,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ssp_vla_bridge.adapters.candidates import LabelledList, not_chosen
+from ssp_vla_bridge.adapters.candidates import LabelledList, find_options
 from ssp_vla_bridge.adapters.number_lists import CUT, NESTED, UNREAD, NumberList, scan_lists
 from ssp_vla_bridge.adapters.plain_rows import with_brackets, with_pairs
 from ssp_vla_bridge.adapters.plan_label import Label, Owner, label_of
 from ssp_vla_bridge.adapters.stated import ConvertedRows, Meaning, Rows, convert
-from ssp_vla_bridge.adapters.stated_beside import said_beside
+from ssp_vla_bridge.adapters.stated_beside import read_beside
 from ssp_vla_bridge.adapters.stated_times import Beside, Raster
 from ssp_vla_bridge.adapters.tables import with_lists_for_tables
 from ssp_vla_bridge.adapters.torn_lists import whole_lists
@@ -182,7 +182,7 @@ def _beside(text: str, lists: Sequence[NumberList], i: int, form: Form) -> Besid
     behind = next((two.start for two in lists[i + 1 :] if _is_other(two, one)), len(text))
     points = "forward" in form.meaning.columns
     place = (before, one.start, one.end, behind)
-    return said_beside(text, place, len(one.rows), form.raster, points)
+    return read_beside(text, place, len(one.rows), form.raster, points)
 
 
 def _is_other(two: NumberList, one: NumberList) -> bool:
@@ -194,7 +194,7 @@ def _without_options(
 ) -> tuple[list[_Candidate], int]:
     """Return the lists without the options that aren't chosen, and how many these are."""
     placed = [LabelledList(one.label.text, one.one.start, one.one.end) for one in answers]
-    left, chosen_index = not_chosen(text, placed)
+    left, chosen_index = find_options(text, placed)
     if not left:
         return answers, 0
     remark = "none is chosen" if chosen_index is None else "only the chosen one counts"
@@ -216,7 +216,7 @@ def _own(answers: list[_Candidate], form: Form, notes: list[str]) -> list[_Candi
     """Return the lists that count as the own plan, in the text's order (METHOD 5.4b)."""
     if not form.label:
         present = [one for one in answers if not _is_labelled_past(one.label.text)]
-        if len(present) < len(answers) and any(_is_asked_for(one, form) for one in present):
+        if len(present) < len(answers) and any(_fits_form(one, form) for one in present):
             notes.append("a list that the text calls past was left out")
             return present
         return answers
@@ -227,7 +227,7 @@ def _own(answers: list[_Candidate], form: Form, notes: list[str]) -> list[_Candi
     if quantity_lists:
         notes.append("a list that its label calls no plan was left out")
         answers = [one for one in answers if one not in quantity_lists]
-    bare = [one for one in answers if one.one.cut or one.one.fault or _is_asked_for(one, form)]
+    bare = [one for one in answers if one.one.cut or one.one.fault or _fits_form(one, form)]
     if not bare:  # of as many rows, at times or in columns that aren't known
         bare = [one for one in answers if one.read.problem and len(one.one.rows) == form.rows]
     if bare:
@@ -242,7 +242,7 @@ def _is_of_quantity(label: str) -> bool:
     return _QUANTITY.search(label) is not None and not label.rstrip(" *`\n").endswith(".")
 
 
-def _is_asked_for(one: _Candidate, form: Form) -> bool:
+def _fits_form(one: _Candidate, form: Form) -> bool:
     rows = one.read.rows
     return len(rows) == form.rows or (len(rows) == form.rows + 1 and _is_origin(rows[0]))
 
@@ -375,12 +375,12 @@ def _is_rounded(rows: Rows, history: Rows) -> bool:
 
 
 def _pick(answers: list[_Candidate], form: Form, notes: list[str]) -> _Candidate:
-    complete = [one for one in answers if not one.one.fault and _is_asked_for(one, form)]
+    complete = [one for one in answers if not one.one.fault and _fits_form(one, form)]
     cut = answers[-1].one.cut
     if complete:
         candidate = complete[-1]
         later = answers[answers.index(candidate) + 1 :]
-        replacements = [one for one in later if _is_meant(one, complete, form)]
+        replacements = [one for one in later if _is_replacement(one, complete, form)]
         if replacements:
             notes.append(f"{len(complete)} lists of {form.rows} were passed over for the last one")
             return replacements[-1]
@@ -400,7 +400,7 @@ def _pick(answers: list[_Candidate], form: Form, notes: list[str]) -> _Candidate
     return [one for one in answers if len(one.one.rows) == most][-1]
 
 
-def _is_meant(one: _Candidate, complete: Sequence[_Candidate], form: Form) -> bool:
+def _is_replacement(one: _Candidate, complete: Sequence[_Candidate], form: Form) -> bool:
     """Tell whether a list behind a complete one is meant to replace it, though it isn't complete.
 
     It has half of the rows at least and a fault or a label of the own plan, or is cut off and

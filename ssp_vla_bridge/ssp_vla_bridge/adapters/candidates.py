@@ -62,7 +62,7 @@ class LabelledList:
     end: int
 
 
-def not_chosen(text: str, lists: Sequence[LabelledList]) -> tuple[frozenset[int], int | None]:
+def find_options(text: str, lists: Sequence[LabelledList]) -> tuple[frozenset[int], int | None]:
     """Find the options among lists.
 
     Args:

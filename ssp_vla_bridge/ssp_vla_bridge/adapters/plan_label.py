@@ -246,7 +246,7 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
         holders = _parents(text, max(0, start - 4 * _LOOKED_AT), start)
         words = " ".join([*holders, _user_beside(text, start, end), key[1]])
         label = words.replace("_", " ").lower()
-        heading = f"{before}{_said_by_key(key[1])}{behind}"
+        heading = f"{before}{_heading_of_key(key[1])}{behind}"
         return Label(label, heading, _owner(label, is_key=True))
     elements, is_right_before = _elements(text, start, end)
     element_owner = _owner(elements, is_key=True) if elements else Owner.UNSAID
@@ -277,7 +277,7 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
     return Label("", before + behind, Owner.UNSAID)
 
 
-def _said_by_key(key: str) -> str:
+def _heading_of_key(key: str) -> str:
     """Return what a list's key states, as a heading would: "trajectory_next_4_s"."""
     words = key.replace("_", " ").replace("-", " ")
     rest = _PLAN.split(words.lower())[-1].split()

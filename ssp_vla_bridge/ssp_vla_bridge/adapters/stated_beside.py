@@ -173,7 +173,7 @@ _OF_PLAN = REACHING | frozenset(_OF_PLAN_TEXT.split())
 _WORDS = re.compile(r"[^\W\d_]+(?:_[^\W\d_]+)*")
 
 
-def said_beside(
+def read_beside(
     text: str, place: tuple[int, int, int, int], rows: int, raster: Raster, points: bool
 ) -> Beside:
     """Return what stands beside a list and says how it is meant.

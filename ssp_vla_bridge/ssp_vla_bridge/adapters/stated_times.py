@@ -167,12 +167,12 @@ class Times:
 
     Args:
         values: one for each row; empty where none are stated.
-        unit_is_known: whether they are seconds for certain.
+        has_unit: whether they are seconds for certain.
         problem: why stated times aren't known, empty where they are or where none are stated.
     """
 
     values: tuple[float, ...] = ()
-    unit_is_known: bool = False
+    has_unit: bool = False
     problem: str = ""
 
 
@@ -224,10 +224,10 @@ def in_seconds(times: Times, heading: str, raster: Raster) -> Times:
         raster: of the interface; its horizon bounds what can be seconds.
     """
     values = times.values
-    if not values or times.unit_is_known:
+    if not values or times.has_unit:
         return times
     if _IN_MS.search(heading) is not None:
-        return Times(tuple(0.001 * value for value in values), unit_is_known=True)
+        return Times(tuple(0.001 * value for value in values), has_unit=True)
     if values[0] > _LATEST_S or max(values) > max(_LATEST_S, _HORIZONS * raster.horizon_s):
         last = f"the last one is {max(values):g}"
         return Times(problem=f"its times have no unit and can't be seconds: {last}")
@@ -268,10 +268,10 @@ def heading_times(heading: str, rows: Sequence[Sequence[float]], raster: Raster)
     scaled = _scaled((step,), unit)
     step_s = scaled.values[0]
     if (ranged_s := _range_of(heading, count, step_s)) is not None:
-        return Times(tuple(ranged_s + k * step_s for k in range(count)), scaled.unit_is_known)
+        return Times(tuple(ranged_s + k * step_s for k in range(count)), scaled.has_unit)
     whole = step_s > 0 and abs(raster.horizon_s / step_s + 1 - count) < _TOLERANCE
     begin = 0 if starts_at_origin and whole else 1
-    return Times(tuple(step_s * (k + begin) for k in range(count)), scaled.unit_is_known)
+    return Times(tuple(step_s * (k + begin) for k in range(count)), scaled.has_unit)
 
 
 def _scaled(values: tuple[float, ...], unit: str) -> Times:
@@ -319,7 +319,7 @@ def _from_first(first_s: float, step: float | None, unit: str, count: int, raste
         step, unit = raster.step_s, "s"
     scaled = _scaled((step,), unit)
     values = tuple(first_s + k * scaled.values[0] for k in range(count))
-    return Times(values, scaled.unit_is_known)
+    return Times(values, scaled.has_unit)
 
 
 def _range_of(heading: str, count: int, step_s: float) -> float | None:
@@ -347,7 +347,7 @@ def _ranged(heading: str, rows: Sequence[Sequence[float]], raster: Raster) -> Ti
         for step in (first, raster.step_s) if first else (last / (count - 1),):
             if abs(first + (count - 1) * step - last) < _TOLERANCE * count:
                 values = tuple(first + k * step for k in range(count))
-                return Times(values, scaled.unit_is_known)
+                return Times(values, scaled.has_unit)
         return Times(problem=f"{count} rows from {first:g} to {last:g}: the step isn't known")
     return Times()
 

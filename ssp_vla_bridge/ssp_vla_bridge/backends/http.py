@@ -262,7 +262,7 @@ class HttpService:
             begins = ""
             if reply.body.lstrip()[:1] != b"{":
                 kind = self._short(reply.headers.get("content-type", "no content type"))
-                begins = f" ({kind}, begins with {self._said(reply.body)[:40]!r})"
+                begins = f" ({kind}, begins with {self._failure_text(reply.body)[:40]!r})"
             where = f"{error.field}: " if error.field else ""
             is_printable = error.value is not None and self.key is None
             value_text = f" (got {error.value!r})" if is_printable else ""
@@ -283,12 +283,12 @@ class HttpService:
             raise _Final(self._text(f"redirects {path} to {to} ({status}); give that as url"))
         if status != 200:
             error = _Final if status == 404 else PeerError
-            raise error(self._text(f"{path} says {status}: {self._said(reply.body)}"))
+            raise error(self._text(f"{path} says {status}: {self._failure_text(reply.body)}"))
         encoding = reply.headers.get("content-encoding", "identity")
         if encoding != "identity":
             raise PeerError(self._text(f"{path} is compressed ({self._short(encoding)}), unasked"))
 
-    def _said(self, body: bytes) -> str:
+    def _failure_text(self, body: bytes) -> str:
         """Return the service's description of its failure, ``{"error": …}`` or any text."""
         with suppress(InputError):
             value = parse_json(body)

@@ -48,7 +48,7 @@ from ssp_vla_bridge.backends.given_back import (
 )
 from ssp_vla_bridge.messages import Answer, Frame, Request
 from ssp_vla_bridge.native_history import previous_stage
-from ssp_vla_bridge.prompts import Prompt, find_stages, shown
+from ssp_vla_bridge.prompts import Prompt, find_stages, visible_request
 from ssp_vla_bridge.stopwatch import ENCODING, part
 
 _TYPES: dict[str, type] = {
@@ -220,7 +220,7 @@ class _StageAnswer:
     completion: Completion
     tries: int
     latency_s: float
-    given: Mapping[str, str] = field(default_factory=dict)
+    turned_texts: Mapping[str, str] = field(default_factory=dict)
 
 
 class OpenAIBackend:
@@ -261,17 +261,19 @@ class OpenAIBackend:
             self._turn.release()
 
     def _answer(self, request: Request, end_s: float) -> Answer:
-        request = shown(request, blind=self._options.blind)
+        request = visible_request(request, blind=self._options.blind)
         with part(ENCODING):
             pictures = [self._picture(frame) for frame in request.frames]
         before: dict[str, str] = {}
         stage_answers = []
         for stage in self._stages:
-            turned_texts = self._given(before) if before and stage is self._stages[-1] else {}
+            turned_texts = (
+                self._turned_texts(before) if before and stage is self._stages[-1] else {}
+            )
             prompt = stage.build(request, turned_texts or before)
-            one = replace(self._ask(stage.name, prompt, pictures, end_s), given=turned_texts)
+            one = replace(self._ask(stage.name, prompt, pictures, end_s), turned_texts=turned_texts)
             if self._options.give_back and len(self._stages) == 1:
-                one = self._asked_on(one, pictures, end_s)
+                one = self._continue_stage(one, pictures, end_s)
             before[stage.name] = split_answer(one.text).text
             stage_answers.append(one)
         return Answer(
@@ -279,7 +281,7 @@ class OpenAIBackend:
             decoding=self._facts(request, stage_answers),
         )
 
-    def _given(self, before: Mapping[str, str]) -> dict[str, str]:
+    def _turned_texts(self, before: Mapping[str, str]) -> dict[str, str]:
         """Return the texts of earlier stages as they are given back; empty: unchanged.
 
         Raises:
@@ -297,7 +299,7 @@ class OpenAIBackend:
         if fact not in ("", CONTROL) and not is_turned:
             raise PeerError(f"n/a: its text says no {fact} that could be turned")
 
-    def _asked_on(
+    def _continue_stage(
         self, own: _StageAnswer, pictures: Sequence[Mapping[str, Any]], end_s: float
     ) -> _StageAnswer:
         """Return the text of one stage with the trajectory that follows from it as given back.
@@ -315,7 +317,7 @@ class OpenAIBackend:
             text=f"{preamble} {on.text.lstrip()}",
             tries=own.tries + on.tries,
             latency_s=own.latency_s + on.latency_s,
-            given={own.name: turned_preamble},
+            turned_texts={own.name: turned_preamble},
         )
 
     def _ask(
@@ -440,9 +442,9 @@ def _stage_facts(one: _StageAnswer) -> dict[str, Any]:
         "finish_reason": completion.finish_reason,
         "usage": dict(completion.usage) if completion.usage else None,
     }
-    if one.given:
+    if one.turned_texts:
         facts["given_back"] = {
-            name: text[:_CHARACTERS_OF_REASONING] for name, text in one.given.items()
+            name: text[:_CHARACTERS_OF_REASONING] for name, text in one.turned_texts.items()
         }
     if completion.reasoning:
         facts["reasoning"] = completion.reasoning[:_CHARACTERS_OF_REASONING]

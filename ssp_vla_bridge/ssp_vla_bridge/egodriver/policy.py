@@ -117,7 +117,7 @@ class BridgePolicy(BaseDriver):
         return self._seats.get(session)
 
     @property
-    def held(self) -> int:
+    def seat_count(self) -> int:
         """Seats that are taken: those of sessions, and those whose processes begin or end."""
         return len(self._seats)
 
@@ -157,7 +157,7 @@ class BridgePolicy(BaseDriver):
                 the session was given up meanwhile.
         """
         seat = self._seats[session.uuid]
-        seat.camera = self._chosen(sorted(session.cameras))
+        seat.camera = self._choose_camera(sorted(session.cameras))
         try:
             seat.geometry = wire.geometry_of_camera(session.cameras[seat.camera])
         except ValueError as error:
@@ -175,7 +175,7 @@ class BridgePolicy(BaseDriver):
             driver.close()
             raise ValueError("the session was closed while its model was loaded")
 
-    def _chosen(self, names: list[str]) -> str:
+    def _choose_camera(self, names: list[str]) -> str:
         camera = self._camera or (FORWARD_CAMERA if len(names) != 1 else names[0])
         if camera not in names:
             raise ValueError(

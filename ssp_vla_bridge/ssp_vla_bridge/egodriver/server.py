@@ -191,9 +191,9 @@ def serving(policy: BridgePolicy, mode: ServiceMode, at: Listening) -> Iterator[
     proto.add_CarlaVehicleServiceServicer_to_server(servicer, server)  # type: ignore[no-untyped-call] # likewise
     place = f"[{at.host}]" if ":" in at.host else at.host
     try:
-        port = _bound(server, f"{place}:{at.port}", at)
+        port = _bind(server, f"{place}:{at.port}", at)
     except RuntimeError as error:
-        raise HostError(f"can't listen on {place}:{at.port}: {_not_bound(at)}") from error
+        raise HostError(f"can't listen on {place}:{at.port}: {_bind_failure(at)}") from error
     server.start()
     try:
         yield f"grpc://{place}:{port}"
@@ -202,14 +202,14 @@ def serving(policy: BridgePolicy, mode: ServiceMode, at: Listening) -> Iterator[
         policy.close()
 
 
-def _bound(server: grpc.Server, address: str, at: Listening) -> int:
+def _bind(server: grpc.Server, address: str, at: Listening) -> int:
     if not at.certificate:
         return int(server.add_insecure_port(address))
     pair = read_pair(at.certificate, at.key)
     return int(server.add_secure_port(address, grpc.ssl_server_credentials([pair])))
 
 
-def _not_bound(at: Listening) -> str:
+def _bind_failure(at: Listening) -> str:
     """Return why a place can't be listened on, with the remedy: gRPC doesn't say it."""
     try:
         family, kind, protocol, _, address = resolve(

@@ -44,7 +44,7 @@ class NodeClient:
         self._name = f"{topic} in domain {domain_id}"
         self._run = uuid.uuid4().hex
         self._model_id = ""
-        self._wanted = ""
+        self._request_id = ""
         self._got: Any = None
         self._node = make_node(f"driver_{self._run}")
         self._requests = self._node.create_publisher(VlaRequest, vla_request_topic(topic), VLA)
@@ -69,8 +69,8 @@ class NodeClient:
         Raises:
             SspError: it is an error, or no answer.
         """
-        self._wanted, self._got = f"{self._run}.{request.request_id}", None
-        self._requests.publish(request_to_msg(replace(request, request_id=self._wanted)))
+        self._request_id, self._got = f"{self._run}.{request.request_id}", None
+        self._requests.publish(request_to_msg(replace(request, request_id=self._request_id)))
         seen_s = time.monotonic()
         while self._got is None:
             self._executor.spin_once(timeout_sec=_LOOK_S)
@@ -93,7 +93,7 @@ class NodeClient:
         return has_listener and self._node.count_publishers(self._responses) > 0
 
     def _on_response(self, message: Any) -> None:
-        if self._got is None and message.request_id == self._wanted:
+        if self._got is None and message.request_id == self._request_id:
             self._got = message
 
 

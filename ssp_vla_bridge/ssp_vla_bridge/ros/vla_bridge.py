@@ -36,7 +36,7 @@ from ssp_core.ros import (
 from ssp_core.world.camera import Mounting
 from ssp_msgs.msg import ObjectState, VlaRequest, VlaResponse
 from ssp_vla_bridge.backend import BackendResult, failure, make_backend, respond
-from ssp_vla_bridge.bridge import BridgeHealth, HeldAnswers, RequestQueue, ShadowRequests, Ticket
+from ssp_vla_bridge.bridge import AnswerQueue, BridgeHealth, RequestQueue, ShadowRequests, Ticket
 from ssp_vla_bridge.messages import ErrorCode, Frame, Request, Response
 from ssp_vla_bridge.ros.conversions import request_from_msg, response_to_msg
 from ssp_vla_bridge.ros.parameters import BRIDGE, BridgeParams, bridge_params
@@ -102,7 +102,7 @@ class VlaBridge(Node):
         self._health = BridgeHealth(params.model, self._backend.model_id, params.timeout_s)
         self._changed = threading.Condition()
         self._stopping = False
-        self._held = HeldAnswers[VlaResponse](seconds_to_ns(params.timeout_s))
+        self._answers = AnswerQueue[VlaResponse](seconds_to_ns(params.timeout_s))
         self._publisher = self.create_publisher(VlaResponse, vla_response_topic(params.model), VLA)
         self.create_subscription(VlaRequest, vla_request_topic(params.model), self._on_request, VLA)
         self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, STATE)
@@ -234,13 +234,13 @@ class VlaBridge(Node):
             reason = f"the answer fits no message: {type(error).__name__}: {error}"
             self.get_logger().error(f"request {response.request_id!r}: {reason}")
             msg = response_to_msg(failure(response, ErrorCode.BACKEND, reason))
-        if self._held.hold(msg, time.monotonic_ns()):
+        if self._answers.hold(msg, time.monotonic_ns()):
             self.get_logger().warning("too many answers wait to be sent: the oldest one is lost")
         self._release()
 
     def _release(self) -> None:
         has_listener = self._publisher.get_subscription_count() > 0
-        messages, given_up = self._held.release(has_listener, time.monotonic_ns())
+        messages, given_up = self._answers.release(has_listener, time.monotonic_ns())
         if given_up:
             self.get_logger().warning(f"{given_up} answer(s) lost: no listener came in time")
         for msg in messages:

@@ -55,7 +55,7 @@ def circle_history(radius_m: float, turn_rad: float, count: int) -> tuple[EgoSam
     return tuple(samples)
 
 
-def asked(history: tuple[EgoSample, ...], provenance: str = "measured") -> Request:
+def request_with(history: tuple[EgoSample, ...], provenance: str = "measured") -> Request:
     return Request("r1", 10 * NS, (), None, history, provenance)
 
 
@@ -68,5 +68,5 @@ def cases() -> SimpleNamespace:
         points=points,
         straight_history=straight_history,
         circle_history=circle_history,
-        asked=asked,
+        request_with=request_with,
     )

@@ -50,7 +50,7 @@ def test_corrected_meets_a_circle_exactly(cases, curvature_pm, side):
 
 def test_the_echo_of_the_history_is_no_answer(cases):
     steps_m = [5.0, 4.9, 4.8, 4.6, 4.5, 4.3, 4.2]
-    request = cases.asked(cases.straight_history(steps_m))
+    request = cases.request_with(cases.straight_history(steps_m))
     history = [(2 * step_m, 0.0) for step_m in steps_m[1:]]
     plan = [(8.0, 0.01)] * 6
     assert cases.read("lightemma", listed(cases, history), request).invalid == ("missing",)
@@ -82,7 +82,7 @@ def test_pairs_in_square_brackets_are_noted(cases):
 
 
 def test_the_echo_with_fewer_decimals_is_no_answer(cases):
-    request = cases.asked(cases.straight_history([2.61, 2.78, 2.94, 3.13, 3.31, 3.47]))
+    request = cases.request_with(cases.straight_history([2.61, 2.78, 2.94, 3.13, 3.31, 3.47]))
     past = lightemma_history(request).rows
     echo = cases.pairs([[f"{v:.1f}", f"{c:.1f}"] for v, c in past], "({}, {})")
     adapted = cases.read("lightemma", f"[{echo}]", request)
@@ -90,5 +90,5 @@ def test_the_echo_with_fewer_decimals_is_no_answer(cases):
     assert "the echo of the history, rounded, was left out" in adapted.info.notes
     plan = cases.pairs([[f"{v + 0.1:.1f}", "0.0"] for v, _ in past], "({}, {})")
     assert cases.read("lightemma", f"[{plan}]", request).invalid == ()
-    steady = cases.asked(cases.straight_history([2.61, 2.62, 2.60, 2.61, 2.59, 2.61]))
+    steady = cases.request_with(cases.straight_history([2.61, 2.62, 2.60, 2.61, 2.59, 2.61]))
     assert cases.read("lightemma", f"[{', '.join(['(5.2, 0.0)'] * 6)}]", steady).invalid == ()

@@ -68,7 +68,7 @@ def test_a_historical_trajectory_is_no_answer(cases):
 
 
 def test_the_past_points_of_the_request_are_no_answer(cases):
-    request = cases.asked(cases.straight_history([5.0, 4.0, 3.5, 3.0, 2.5, 2.0]))
+    request = cases.request_with(cases.straight_history([5.0, 4.0, 3.5, 3.0, 2.5, 2.0]))
     echo = "[(0.00,-20.00), (0.00,-15.00), (0.00,-11.00), (0.00,-7.50), (0.00,-4.50), (0.00,-2.00)]"
     adapted = cases.read("llavida", f"3-second trajectory: {echo}", request)
     assert adapted.invalid == ("missing",)

@@ -19,7 +19,7 @@ OTHER = tuple((3.0, -0.1 * i) for i in range(10))
 
 @pytest.fixture(scope="module")
 def history_request(cases):
-    return cases.asked(cases.straight_history([v for v, _ in HISTORY]))
+    return cases.request_with(cases.straight_history([v for v, _ in HISTORY]))
 
 
 # --- coordinates
@@ -168,7 +168,7 @@ def test_what_the_text_calls_history_is_none_where_the_request_is_not_at_hand(ca
 
 
 def test_a_steady_history_is_not_told_from_a_plan_that_keeps_on(cases):
-    request = cases.asked(cases.straight_history([5.0] * 10))
+    request = cases.request_with(cases.straight_history([5.0] * 10))
     name, adapted = answer_of(cases, cases.pairs(STEADY), request)
     assert name == "steady"
     assert adapted.info.notes == ("the list equals the history, whose rows are all the same",)
@@ -177,7 +177,7 @@ def test_a_steady_history_is_not_told_from_a_plan_that_keeps_on(cases):
 
 
 def test_a_model_without_a_history_can_not_echo_it(cases):
-    request = cases.asked(cases.straight_history([v for v, _ in HISTORY]), "unknown")
+    request = cases.request_with(cases.straight_history([v for v, _ in HISTORY]), "unknown")
     assert answer_of(cases, cases.pairs(HISTORY), request)[0] == "history"
 
 

@@ -23,7 +23,7 @@ TIMES_S = (0.6, 6.0, 60.0)
 PATIENT = {"timeout_s": 60.0, "start_s": 60.0}
 
 
-def said(service, request, **options):
+def response_to(service, request, **options):
     """The response to a request, and the line that it says instead of an answer."""
     with service:
         backend = make({"url": service.url, **PATIENT, **options})
@@ -38,7 +38,7 @@ def test_a_good_answer_comes_through_whole(make_request, straight_history):
         exchange.send(wire.ok(wire.answer(exchange.request, model_id="tested/2")))
 
     request = make_request(history=straight_history(8.0))
-    response = said(wire.ScriptedService(on_answer), request)
+    response = response_to(wire.ScriptedService(on_answer), request)
     assert (response.error_code, response.error_msg) == (0, "")
     assert (response.text, response.model_id) == ("I keep my speed.", "tested/2")
     assert dict(response.decoding) == {"seed": 1}
@@ -66,7 +66,7 @@ def drip_body(exchange):
 def test_silence_and_drips_end_with_the_deadline(make_request, behave):
     for timeout_s in TIMES_S:
         service = wire.ScriptedService(behave)
-        response = said(service, make_request(), timeout_s=timeout_s)
+        response = response_to(service, make_request(), timeout_s=timeout_s)
         if service.asked:
             break
     assert response.error_code == ErrorCode.TIMEOUT
@@ -167,7 +167,7 @@ FINAL = {
 def test_what_a_service_does_wrong_is_said_in_one_line_and_asked_once(make_request, name):
     behave, words = FINAL[name]
     service = wire.ScriptedService(behave)
-    response = said(service, make_request())
+    response = response_to(service, make_request())
     assert response.error_code == ErrorCode.BACKEND
     assert words in response.error_msg
     assert service.url in response.error_msg
@@ -184,7 +184,7 @@ def test_an_answer_of_100_mb_is_cut_off(make_request):
         while len(sent) < 100 and exchange.send(b" " * (1 << 20)):
             sent.append(1)
 
-    response = said(wire.ScriptedService(stream), make_request())
+    response = response_to(wire.ScriptedService(stream), make_request())
     assert "larger than 16 MiB" in response.error_msg
     # What was under way in buffers counts as sent; most of it was not.
     assert len(sent) < 60
@@ -195,7 +195,7 @@ def test_a_redirect_is_not_followed(make_request):
         service = wire.ScriptedService(
             raw("307 Temporary Redirect", "", f"Location: {other.url}/answer")
         )
-        response = said(service, make_request())
+        response = response_to(service, make_request())
         assert f"redirects /answer to {other.url}/answer (307)" in response.error_msg
         assert (service.asked, other.asked, other.heads) == (1, 0, [])
 
@@ -219,7 +219,7 @@ def test_a_number_that_is_none_goes_through_raw_and_the_adapter_says_so(make_req
         text = json.dumps(wire.answer(exchange.request)).replace("4.0", token)
         exchange.send(wire.http("200 OK", text.encode()))
 
-    response = said(wire.ScriptedService(on_answer), make_request())
+    response = response_to(wire.ScriptedService(on_answer), make_request())
     assert response.error_code == 0
     adapted = adapt("waypoints", response)
     assert (adapted.trajectory, adapted.invalid) == (None, ("non_finite",))
@@ -237,13 +237,13 @@ def test_a_busy_service_that_says_when_is_asked_again(make_request, status):
             exchange.send(wire.ok(wire.answer(exchange.request)))
 
     service = wire.ScriptedService(on_answer)
-    assert said(service, make_request()).text == "I keep my speed."
+    assert response_to(service, make_request()).text == "I keep my speed."
     assert service.asked == 3
 
 
 def test_tries_have_a_bound(make_request):
     service = wire.ScriptedService(raw("503 Busy", "", "Retry-After: 0"))
-    response = said(service, make_request(), tries=2)
+    response = response_to(service, make_request(), tries=2)
     assert response.error_code == ErrorCode.OVERLOAD
     assert "the service is busy (503), 2 tries" in response.error_msg
     assert service.asked == 2
@@ -251,7 +251,7 @@ def test_tries_have_a_bound(make_request):
 
 def test_a_wait_that_is_longer_than_the_time_left_isnt_begun(make_request):
     service = wire.ScriptedService(raw("429 Too Many", "", "Retry-After: 3600"))
-    response = said(service, make_request())
+    response = response_to(service, make_request())
     assert response.error_code == ErrorCode.OVERLOAD
     assert "the service is busy (429), 1 tries" in response.error_msg
     assert service.asked == 1
@@ -306,7 +306,7 @@ def test_the_bridge_waits_for_a_service_that_is_loading(make_request):
 )
 def test_a_service_that_isnt_well_isnt_asked(make_request, health, words):
     service = wire.ScriptedService(on_health=lambda e: e.send(wire.ok(health)))
-    response = said(service, make_request(), start_s=0.1)
+    response = response_to(service, make_request(), start_s=0.1)
     assert words in response.error_msg
     assert service.asked == 0
 
@@ -321,12 +321,12 @@ def test_a_key_goes_to_the_service_and_nowhere_else(make_request, monkeypatch):
             exchange.send(wire.ok(wire.answer(exchange.request)))
 
     service = wire.ScriptedService(on_answer)
-    response = said(service, make_request(), api_key_env="TESTED_KEY")
+    response = response_to(service, make_request(), api_key_env="TESTED_KEY")
     assert response.error_code == 0
     assert KEY not in repr(response)
     assert (
         "asks for a key (401); name the environment"
-        in said(wire.ScriptedService(on_answer), make_request()).error_msg
+        in response_to(wire.ScriptedService(on_answer), make_request()).error_msg
     )
 
 
@@ -348,7 +348,7 @@ def test_a_key_goes_to_the_service_and_nowhere_else(make_request, monkeypatch):
 )
 def test_a_service_that_repeats_the_key_gets_it_into_nothing(make_request, monkeypatch, behave):
     monkeypatch.setenv("TESTED_KEY", KEY)
-    response = said(wire.ScriptedService(behave), make_request(), api_key_env="TESTED_KEY")
+    response = response_to(wire.ScriptedService(behave), make_request(), api_key_env="TESTED_KEY")
     assert response.error_code == ErrorCode.BACKEND
     for length in (8, len(KEY)):
         assert KEY[:length] not in repr(response)
@@ -357,7 +357,7 @@ def test_a_service_that_repeats_the_key_gets_it_into_nothing(make_request, monke
 def test_a_key_that_isnt_accepted_is_named_by_its_variable(make_request, monkeypatch):
     monkeypatch.setenv("TESTED_KEY", KEY)
     service = wire.ScriptedService(raw("403 Forbidden", ""))
-    response = said(service, make_request(), api_key_env="TESTED_KEY")
+    response = response_to(service, make_request(), api_key_env="TESTED_KEY")
     assert "(403); the one in TESTED_KEY isn't accepted" in response.error_msg
 
 
@@ -368,7 +368,7 @@ def test_proxies_of_the_environment_are_not_used_on_loopback(make_request, monke
         monkeypatch.delenv("no_proxy", raising=False)
         monkeypatch.delenv("NO_PROXY", raising=False)
         service = wire.ScriptedService()
-        assert said(service, make_request()).error_code == 0
+        assert response_to(service, make_request()).error_code == 0
         assert (service.asked, proxy.heads) == (1, [])
 
 

@@ -240,7 +240,7 @@ def counting(start, tmp_path):
     thread.join(DEADLINE_S)
 
 
-def taken(sidecar, request_id, replies):
+def queued_request(sidecar, request_id, replies):
     """The thread of a request that got the place in the queue; before that it gets 503 at once."""
     threads = []
 
@@ -255,7 +255,7 @@ def taken(sidecar, request_id, replies):
 
 def test_one_works_one_waits_and_a_third_is_told_when_to_come_back(counting):
     sidecar, gate, replies = counting
-    second = taken(sidecar, "second", replies)
+    second = queued_request(sidecar, "second", replies)
     post_in_thread(sidecar, "third", replies).join(DEADLINE_S)
     status, headers, _ = replies["third"]
     assert (status, headers["Retry-After"]) == (503, "1")
@@ -272,7 +272,7 @@ def test_a_request_whose_sender_has_gone_is_dropped(counting):
     sidecar, gate, replies = counting
     post_in_thread(sidecar, "gone", replies, timeout_s=0.3).join(DEADLINE_S)
     assert isinstance(replies["gone"], TimeoutError)
-    following = taken(sidecar, "next", replies)
+    following = queued_request(sidecar, "next", replies)
     gate.write_text("")
     following.join(DEADLINE_S)
     assert replies["next"][2]["text"] == "first next"

@@ -35,7 +35,7 @@ class Service(ThreadingHTTPServer):
 
     daemon_threads = True
     way = "well"
-    asked: dict[str, Any]
+    last_request: dict[str, Any]
 
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), Handler)
@@ -57,7 +57,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-        way, self.server.asked = self.server.way, asked
+        way, self.server.last_request = self.server.way, asked
         if way == "hangs":
             self.server.release.wait()
             return
@@ -178,7 +178,7 @@ def test_a_card_has_the_hash_of_the_words_that_a_service_gets(service: Service) 
         driver.give(replace(question(), stamp_ns=at_ns, history=still, frames=frames))
     finally:
         driver.close()
-    got = service.asked
+    got = service.last_request
     assert "[-2.0, 0.00, 0.00, 0.00], " in got["prompt"]
     sent = {"task": got["task"], "prompt": got["prompt"]}
     assert prompt_facts(asked)["prompt_sha256"] == sha256_json(sent)

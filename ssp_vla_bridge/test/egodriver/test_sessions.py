@@ -126,7 +126,7 @@ def served(policy: BridgePolicy) -> Iterator[Client]:
 
 def await_free(policy: BridgePolicy) -> None:
     with policy._lock:
-        assert policy._lock.wait_for(lambda: policy.held == 0, DEADLINE_S)
+        assert policy._lock.wait_for(lambda: policy.seat_count == 0, DEADLINE_S)
 
 
 @pytest.mark.parametrize("how", ["gives up", "closes"])
@@ -175,7 +175,7 @@ def test_a_server_that_ends_leaves_no_model_that_loads(tmp_path: Path) -> None:
         begun = client.start("one")
         gate.await_model()
     assert begun.exception() is not None
-    assert policy.held == 0
+    assert policy.seat_count == 0
 
 
 def test_a_place_is_given_to_a_new_session_once_no_call_came_for_long(
@@ -198,7 +198,7 @@ def test_a_place_is_given_to_a_new_session_once_no_call_came_for_long(
         clock[0] = 1700.0
         assert code(client.start("one")) == "OK"
         assert code(client.start("one")) == "ALREADY_EXISTS"
-        assert policy.held == 1
+        assert policy.seat_count == 1
 
 
 def test_each_new_session_has_an_idle_place_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -234,7 +234,7 @@ def test_what_a_session_keeps_is_bounded(monkeypatch: pytest.MonkeyPatch) -> Non
         assert len(session.dynamic_states) == len(session.ego_trajectory) <= 2000
     assert session.ego_trajectory.timestamps_us[-1000:] == list(range(4000, 5000))
     policy.close()
-    assert policy.held == 0
+    assert policy.seat_count == 0
 
 
 def _no_rotation(camera: proto.AvailableCamera) -> None:
@@ -268,7 +268,7 @@ def test_a_camera_that_there_can_not_be_is_refused_and_takes_no_place(
         refused = client.start("one", declared)
         assert code(refused) == "FAILED_PRECONDITION"
         assert why in refused.exception().details()
-        assert policy.held == 0
+        assert policy.seat_count == 0
 
 
 def test_messages_that_can_not_be_handled_are_answered_with_their_reason(

@@ -11,7 +11,7 @@ from ssp_core.errors import InputError
 from ssp_vla_bridge.backend import respond
 from ssp_vla_bridge.backends.openai_chat import read_options
 from ssp_vla_bridge.messages import TASK, EgoSample
-from ssp_vla_bridge.prompts import PROMPTS, find_stages, shown, words_sha256
+from ssp_vla_bridge.prompts import PROMPTS, find_stages, visible_request, words_sha256
 
 EVERY = pytest.mark.parametrize("interface", PROMPTS)
 BEFORE = {"scene": "SCENE", "objects": "OBJECTS", "intent": "INTENT"}
@@ -47,7 +47,7 @@ def test_no_picture_is_sent_and_none_is_spoken_of(interface, service, make_opena
 
 @EVERY
 def test_every_step_of_a_blind_question_tells_the_history(interface, make_request):
-    request = shown(make_request(history=DRIVEN), blind=True)
+    request = visible_request(make_request(history=DRIVEN), blind=True)
     for told in words(interface, request):  # OpenEMMA's own pairs are metres per half a second
         assert "8.25" in told or "[4.1" in told
     seeing = words(interface, make_request(history=DRIVEN))
@@ -57,7 +57,7 @@ def test_every_step_of_a_blind_question_tells_the_history(interface, make_reques
 @EVERY
 def test_an_unknown_history_is_said_without_pictures_to_judge_by(interface, make_request):
     request = replace(make_request(), history=(), ego_provenance="unknown")
-    for told in words(interface, shown(request, blind=True)):
+    for told in words(interface, visible_request(request, blind=True)):
         assert "is not known; assume no numbers" in told
         assert not of_pictures(told)
 

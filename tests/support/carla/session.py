@@ -25,7 +25,7 @@ from ssp_ot_controller.sil.carla_bodies import CarlaBodies
 from ssp_ot_controller.sil.scene import NoTraffic
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
-from ssp_scenario_manager.run.in_process import Record, judged
+from ssp_scenario_manager.run.in_process import Record, judge_session
 from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.run.sweep import for_one_process
 
@@ -47,7 +47,7 @@ def session(folder: Path, event: str, map_file: str, address: str) -> dict[str, 
         plant = InProcessPlant(run, NoTraffic(), ExitStack(), bodies)
         ended = InProcessSession(run, plant, seen.reports.append)
         ended.run()
-        outcome, _ = judged(run, ended, seen)
+        outcome, _ = judge_session(run, ended, seen)
         told["verdict"], told["reasons"] = outcome.verdict.name.lower(), list(outcome.reasons)
     except PeerError as error:
         told["error"] = str(error)

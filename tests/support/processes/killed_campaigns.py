@@ -51,7 +51,7 @@ class RecordedRows:
         self._rows = rows
 
     def __call__(self, job: Job) -> JobRows:
-        found = [row for row in self._rows if row[_DRIVER] == job.driver.shown]
+        found = [row for row in self._rows if row[_DRIVER] == job.driver.display_name]
         return JobRows(found, [() for _ in found])
 
 

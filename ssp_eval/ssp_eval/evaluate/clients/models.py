@@ -136,7 +136,7 @@ class ModelSpec:
     answerer: bool = False
 
     @property
-    def shown(self) -> str:
+    def result_name(self) -> str:
         """Its name in results, such as ``mine+black``: under a condition it is another cell."""
         return f"{self.name}+{self.condition}" if self.condition else self.name
 
@@ -146,7 +146,7 @@ class ModelSpec:
         return self.backend or self.name
 
     @property
-    def spoken(self) -> Interface:
+    def model_interface(self) -> Interface:
         """Return the model's interface.
 
         Raises:
@@ -157,7 +157,7 @@ class ModelSpec:
     @property
     def rules(self) -> Preprocessing:
         """Return the choice of frames and ego samples for its requests."""
-        return replace(self.spoken.preprocessing, **self.preprocessing)
+        return replace(self.model_interface.preprocessing, **self.preprocessing)
 
     def read_by(self, override: str = "") -> str:
         """Return the adapter with its mode, as it stands in results.
@@ -168,7 +168,7 @@ class ModelSpec:
         Raises:
             InputError: there is no such adapter.
         """
-        return ":".join(check_adapter(override or self.adapter or self.spoken.adapter))
+        return ":".join(check_adapter(override or self.adapter or self.model_interface.adapter))
 
     def options_for(self, labels_file: str, clip_start_ns: int) -> dict[str, Any]:
         """Return the backend's options for one cell, or what stands for them in a key."""
@@ -441,7 +441,7 @@ def check_model(spec: ModelSpec, file: str | None = None, field: str = "") -> No
 def as_attached(specs: list[ModelSpec]) -> list[ModelSpec]:
     """Return the same models as bridges that run already: backend and options are theirs."""
     return [
-        replace(spec, attached=True, interface=spec.spoken.name, backend="", options={})
+        replace(spec, attached=True, interface=spec.model_interface.name, backend="", options={})
         for spec in specs
     ]
 
@@ -576,9 +576,9 @@ def check_bridge(model: ModelSpec) -> None:
             "itself and named with --attach",
         )
     spoken = interface_of(backend, model.options)
-    if backend in BACKENDS and model.spoken.name != spoken:
+    if backend in BACKENDS and model.model_interface.name != spoken:
         raise InputError(
-            f"speaks {spoken}, not {model.spoken.name}",
+            f"speaks {spoken}, not {model.model_interface.name}",
             field="bridge",
             value=backend,
             remedy="leave out the interface",

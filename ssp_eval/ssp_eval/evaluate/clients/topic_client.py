@@ -28,7 +28,7 @@ class RequestTracker:
         self._open: Request | None = None
         self._reply: ModelReply | None = None
         self._answered: set[str] = set()
-        self._given_up: set[str] = set()
+        self._abandoned_ids: set[str] = set()
 
     def open(self, request: Request) -> None:
         """Open a request that is about to be sent.
@@ -56,7 +56,7 @@ class RequestTracker:
                     f"the answer is stamped {response.stamp_ns} ns, asked was {request.stamp_ns}"
                 )
                 self._reply = ModelReply(None, reason)
-        elif response.request_id in self._given_up:
+        elif response.request_id in self._abandoned_ids:
             self.ignored.late += 1
         elif response.request_id in self._answered:
             self.ignored.duplicate += 1
@@ -80,7 +80,7 @@ class RequestTracker:
     def give_up(self) -> None:
         """Give the open request up; an answer from now on is late."""
         if self._open is not None:
-            self._given_up.add(self._open.request_id)
+            self._abandoned_ids.add(self._open.request_id)
             self._open = None
 
 

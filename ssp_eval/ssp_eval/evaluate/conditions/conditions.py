@@ -73,7 +73,7 @@ def shuffled(request: Request, seed: int = CONDITION_SEED) -> Request:
     return replace(request, frames=frames)
 
 
-def shown_another(request: Request, other: Frame) -> Request:
+def with_other_picture(request: Request, other: Frame) -> Request:
     """Return the request with its newest picture replaced by another frame's; its stamp stays."""
     newest = replace(request.frames[-1], jpeg=other.jpeg)
     return replace(request, frames=(*request.frames[:-1], newest))
@@ -175,7 +175,7 @@ def under(
         why = "there is no frame of another label time to show instead"
         return NoQuestion(question.label_t_s, why)
     frame = another.request.frames[-1]
-    return replace(question, request=shown_another(question.request, frame))
+    return replace(question, request=with_other_picture(question.request, frame))
 
 
 def _painter(condition: str) -> Callable[[Frame], bytes]:

@@ -67,7 +67,7 @@ def stages_of(
         by_bridge.setdefault(key, []).append(model)
     repeats = by_bridge.pop("", [])
     first, *others = by_bridge.values() if by_bridge else [[]]
-    names = [model.shown for model in models]
+    names = [model.result_name for model in models]
     rng = random.Random(sha256_json([CONDITION_SEED, "order", recording_sha256, names]))
     rng.shuffle(others)
     for members in (first, *others, repeats):

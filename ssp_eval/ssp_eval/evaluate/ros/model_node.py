@@ -28,7 +28,7 @@ class RosLink:
         self._node = node
         self._exchange = exchange
         self._topics = vla_request_topic(model), vla_response_topic(model)
-        self._gone: set[bytes] = set()
+        self._departed_gids: set[bytes] = set()
         self._publisher = node.create_publisher(VlaRequest, self._topics[0], VLA)
         self._subscription = node.create_subscription(
             VlaResponse, self._topics[1], self._on_response, VLA
@@ -42,12 +42,14 @@ class RosLink:
         """Return True while a bridge is on both topics that wasn't forgotten."""
         readers, writers = self._endpoints()
         matched = self._publisher.get_subscription_count() > 0
-        return matched and bool(readers - self._gone) and bool(writers - self._gone)
+        return (
+            matched and bool(readers - self._departed_gids) and bool(writers - self._departed_gids)
+        )
 
     def forget(self) -> None:
         """Ignore the nodes on the topics now: DDS believes in a killed process for a while yet."""
         readers, writers = self._endpoints()
-        self._gone |= readers | writers
+        self._departed_gids |= readers | writers
 
     def _endpoints(self) -> tuple[set[bytes], set[bytes]]:
         readers = self._node.get_subscriptions_info_by_topic(

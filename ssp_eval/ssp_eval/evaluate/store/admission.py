@@ -54,7 +54,7 @@ class Admission:
             return None
         return f"refused by the audit: {'; '.join(self.reasons)}"
 
-    def held_against(
+    def confirm(
         self, verdict_sha256: str | None, observations: Mapping[str, str] | None = None
     ) -> Admission:
         """Return the admission, if the files that the audit read beside the MCAP file are the same.
@@ -93,7 +93,7 @@ class Admission:
         """
         for name in ("domain", "scenario", "event_version", "origin", "stand_in", "verdict"):
             claim, fact = getattr(self.entry, name, None), getattr(facts, name)
-            # The verdict may have come later; held_against says so.
+            # The verdict may have come later; confirm says so.
             if (
                 self.entry is None
                 or claim == fact
@@ -169,10 +169,10 @@ def admission_of(entry: RecordingEntry, audit_sha256: str) -> Admission:
     )
 
 
-def said_of(audit: Audit, bag: str | None, verdict_sha256: str | None) -> set[str]:
+def audit_statuses(audit: Audit, bag: str | None, verdict_sha256: str | None) -> set[str]:
     """Return an audit's statuses of a recording: one, or none where it doesn't know it."""
     return {
-        admission_of(entry, "").held_against(verdict_sha256).status
+        admission_of(entry, "").confirm(verdict_sha256).status
         for entry in audit.recordings
         if entry.bag_sha256 == bag
     }
@@ -180,7 +180,7 @@ def said_of(audit: Audit, bag: str | None, verdict_sha256: str | None) -> set[st
 
 def keep_audits(out: Path, admissions: Iterable[Admission]) -> None:
     """Leave the audits that cells go by in the campaign, where the report checks them."""
-    archive = kept_audits(out)
+    archive = audit_files(out)
     files = {a.audit_sha256: a.file for a in admissions if a.file is not None}
     for digest, file in files.items():
         if digest is None or digest in archive:
@@ -192,6 +192,6 @@ def keep_audits(out: Path, admissions: Iterable[Admission]) -> None:
             write_bytes(folder / PAGE_FILE, page.read_bytes())
 
 
-def kept_audits(out: Path) -> dict[str, Path]:
+def audit_files(out: Path) -> dict[str, Path]:
     """Return the audits in a campaign's folder by hash."""
     return {sha256_file(file): file for file in sorted(out.glob(f"{AUDITS}/*/{AUDIT_FILE}"))}

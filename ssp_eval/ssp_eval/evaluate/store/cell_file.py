@@ -158,7 +158,7 @@ class CellResult:
     status: str
     reasons: tuple[str, ...]
     score: dict[str, Any] | None
-    asked: int
+    sent: int
     reused: int
     losses: Mapping[str, int]
     admission: str
@@ -310,11 +310,11 @@ def write_cell(
         folder=place.folder,
         scenario=labelled.labels.scenario,
         domain=labelled.labels.domain,
-        model=model.shown,
+        model=model.result_name,
         status=status,
         reasons=tuple(short_list(reasons)),
         score=score,
-        asked=len(_sent(exchanges)),
+        sent=len(_sent(exchanges)),
         reused=sum(one.reused for one in exchanges),
         losses=_losses(exchanges),
         admission=labelled.admission.status,
@@ -352,7 +352,7 @@ def _facts(
         "schema": CELL_SCHEMA,
         "scenario": labelled.labels.scenario,
         "domain": labelled.labels.domain,
-        "model": model.shown,
+        "model": model.result_name,
         "condition": model.condition,
         "condition_seed": CONDITION_SEED if model.condition else None,
         "control": model.control,
@@ -384,7 +384,7 @@ def _facts(
         "backend": "" if model.attached else model.backend_name,
         "backend_options": dict(model.options),
         "decoding": settings,
-        "interface": model.spoken.name,
+        "interface": model.model_interface.name,
         "preprocessing": asdict(model.rules),
         "adapter": place.adapter,
         "extraction": place.extractor.describe(),

@@ -77,7 +77,7 @@ class RawStore:
         self._earlier = self._read(self._earlier_path)
         # What stands in both was on its way from one file to the other when a run was killed.
         self._stored = {**self._earlier, **self._read(self._path)}
-        self._found = dict(self._stored)
+        self._answers = dict(self._stored)
 
     def _read(self, path: Path) -> dict[str, Response]:
         """Return a file's answers by key; an error is none unless it is the model's last word."""
@@ -102,11 +102,11 @@ class RawStore:
 
     def find(self, key: str) -> Response | None:
         """Return the stored answer to the same question."""
-        return self._found.get(key)
+        return self._answers.get(key)
 
     def forget(self) -> None:
         """Forget all answers, so that all is asked again; the file stays until ``finish``."""
-        self._found.clear()
+        self._answers.clear()
 
     def append(self, response: Response) -> None:
         """Store a raw answer, which is on disk when this returns.

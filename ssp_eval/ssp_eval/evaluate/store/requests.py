@@ -71,7 +71,7 @@ def request_to_json(request: Request) -> dict[str, Any]:
     }
 
 
-def asked_again(value: Mapping[str, Any], previous: Response | None) -> Request:
+def rebuild_request(value: Mapping[str, Any], previous: Response | None) -> Request:
     """Rebuild a stored question for an adapter: all but the pictures themselves.
 
     Args:
@@ -195,7 +195,7 @@ def model_facts(model: ModelSpec, labels_sha256: str, clip_start_ns: int) -> dic
         **facts,
         "model": model.name,
         "backend": backend,
-        "interface": model.spoken.name,
+        "interface": model.model_interface.name,
         "options": options,
     }
 

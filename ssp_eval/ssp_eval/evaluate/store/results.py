@@ -25,7 +25,13 @@ from ssp_eval.data.records import (
     parse_line,
 )
 from ssp_eval.evaluate.clients.models import BLIND, NEVER_MODELS, condition_of, is_control_name
-from ssp_eval.evaluate.store.admission import AUDITS, REFUSED, UNAUDITED, kept_audits, said_of
+from ssp_eval.evaluate.store.admission import (
+    AUDITS,
+    REFUSED,
+    UNAUDITED,
+    audit_files,
+    audit_statuses,
+)
 from ssp_eval.evaluate.store.answer_records import BY_LLM, BY_READER, LLM_MISSING
 from ssp_eval.evaluate.store.cell_file import (
     CELL_FILE,
@@ -240,7 +246,7 @@ class CellData:
 
     Args:
         records: empty unless the cell has answers.
-        asked: the lines of requests.jsonl, checked; see requests.
+        request_lines: the lines of requests.jsonl, checked; see requests.
         score: scored again from records and labels, None unless the cell is ok.
         changed: what of it isn't as `ssp evaluate` left it, for which it is refused; or empty.
     """
@@ -249,7 +255,7 @@ class CellData:
     facts: CellFacts
     labels: Labels
     records: tuple[BehaviourRecord, ...]
-    asked: tuple[bytes, ...]
+    request_lines: tuple[bytes, ...]
     score: CellScore | None
     notes: tuple[str, ...]
     thresholds: Thresholds = DEFAULT
@@ -261,7 +267,7 @@ class CellData:
 
         As values they would take most of the memory of a large campaign's cells.
         """
-        return tuple(json.loads(line) for line in self.asked)
+        return tuple(json.loads(line) for line in self.request_lines)
 
     def requests_by_label(self) -> dict[float, dict[str, Any]]:
         """Return the question at each label's clip time, s."""
@@ -325,7 +331,7 @@ def load_cells(out: Path, on_cell: Callable[[], None] = lambda: None) -> list[Ce
         InputError: it is no campaign folder, or a file in it is damaged.
     """
     cells = []
-    audits = KeptAudits(out)
+    audits = AuditCache(out)
     for cell in read_cells(cell_files(out), audits):
         cells.append(cell)
         on_cell()
@@ -360,11 +366,11 @@ def in_order(cells: Iterable[CellData]) -> list[CellData]:
     return sorted(cells, key=lambda c: (c.scenario, domain_order(c.domain), c.is_control, c.model))
 
 
-class KeptAudits:
+class AuditCache:
     """The audits in a campaign's folder, each read once."""
 
     def __init__(self, out: Path) -> None:
-        self._files = kept_audits(out)
+        self._files = audit_files(out)
         self._read: dict[str, Audit] = {}
 
     def against(self, facts: CellFacts) -> str:
@@ -387,7 +393,7 @@ class KeptAudits:
         except InputError as error:
             return str(error)
         audit = self._read[digest]
-        statuses = said_of(audit, facts.hashes.get("bag"), facts.hashes.get("verdict"))
+        statuses = audit_statuses(audit, facts.hashes.get("bag"), facts.hashes.get("verdict"))
         if statuses != {status} or audit.event_version != facts.event_version:
             words = ", ".join(sorted(statuses)) or "not known"
             return (
@@ -401,7 +407,7 @@ class KeptAudits:
 _BLOCK = 32
 
 
-def read_cells(files: Sequence[Path], audits: KeptAudits) -> Iterator[CellData]:
+def read_cells(files: Sequence[Path], audits: AuditCache) -> Iterator[CellData]:
     """Yield cells in the order of their files, scored again; see load_cells.
 
     Raises:
@@ -422,7 +428,7 @@ def read_cells(files: Sequence[Path], audits: KeptAudits) -> Iterator[CellData]:
             yield _scored(cell, scores[number]) if number in scores else cell
 
 
-def _read_cell(file: Path, audits: KeptAudits) -> CellData:
+def _read_cell(file: Path, audits: AuditCache) -> CellData:
     """Return one cell without its score; refused where it isn't as `ssp evaluate` left it."""
     folder = file.parent
     try:

@@ -33,6 +33,6 @@ def asserted(text: str, values_of: Values) -> str:
         other_options,
         bare_labels,
     ):
-        for start, given in list(step(text, values_of)):
-            text = text[:start] + given + text[start + len(given) :]
+        for start, replacement in list(step(text, values_of)):
+            text = text[:start] + replacement + text[start + len(replacement) :]
     return text

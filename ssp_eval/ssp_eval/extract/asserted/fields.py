@@ -153,16 +153,16 @@ def fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
     """Blanks for the fields whose name isn't asserted, and for the values of those that are."""
     if _MAY_HOLD_FIELD.search(text) is None:
         return
-    found = []
+    candidates = []
     for match in _FIELD.finditer(text):
         name, value = next((n, v) for n, v in _PARTS if match[v] is not None)
         key = words(match[name].strip("\"'*_"))
-        said = match[value].strip("\"'*_ ").lower()
+        value_text = match[value].strip("\"'*_ ").lower()
         slots = frozenset(SIDES.get(key) or values_of(key))
         if not slots and name != "cell" and _NAMES_MOTION.fullmatch(key):
             slots = _OF_MOTION
         count = len(key.split())
-        if said in _NO_ACTION and (count > _FEW_WORDS or slots - ACTIONS):
+        if value_text in _NO_ACTION and (count > _FEW_WORDS or slots - ACTIONS):
             continue
         if name == "ticked" and _SIGN_FIRST.match(text, text.rfind("\n", 0, match.start()) + 1):
             continue
@@ -181,9 +181,9 @@ def fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
                 behind = match.start() + len(match.group().rstrip())
                 rest = _REST.match(text, behind)
                 after = after if rest is None else rest.end()
-            paired = name == "paired" or (name == "ahead" and "%" not in said)
-            found.append(_Field(said, match.span(), span, slots, alone, after, paired))
-    for group in _groups(text, found):
+            paired = name == "paired" or (name == "ahead" and "%" not in value_text)
+            candidates.append(_Field(value_text, match.span(), span, slots, alone, after, paired))
+    for group in _groups(text, candidates):
         for one, holds in zip(group, _holding(group), strict=True):
             if holds is False:
                 yield one.start, " " * (one.end - one.start)
@@ -201,16 +201,16 @@ def conflicts(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
         start, end = match.span("inside")
         group = []
         for one in _RATED.finditer(text, start, end):
-            said = one["value"].strip("\"'").lower()
+            rating = one["value"].strip("\"'").lower()
             if "conflict" in values_of(f"conflict: {words(one['name'])}"):
                 slots = frozenset({"conflict"})
-                group.append(_Field(said, one.span(), one.span("name"), slots, False, one.end()))
-        held = [one for one, holds in zip(group, _holding(group), strict=True) if holds]
+                group.append(_Field(rating, one.span(), one.span("name"), slots, False, one.end()))
+        assertions = [one for one, holds in zip(group, _holding(group), strict=True) if holds]
         if len(group) < _LEAST_RATED:
             continue
         yield start, " " * (end - start)
-        if len(held) == 1:
-            (name_start, name_end) = held[0].key_span
+        if len(assertions) == 1:
+            (name_start, name_end) = assertions[0].key_span
             yield name_start, text[name_start:name_end] + "."
 
 
@@ -239,7 +239,7 @@ def _groups(text: str, fields: Sequence[_Field]) -> Iterator[list[_Field]]:
 
 def _holding(group: Sequence[_Field]) -> list[bool | None]:
     """Tell whether each field of a group asserts its name; None where its value can't say."""
-    found: list[bool | None] = []
+    verdicts: list[bool | None] = []
     # Pairs whose numbers aren't shares may be actions with their times.
     pairs = [one.value for one in group if one.paired]
     whole = sum(float(value.rstrip("% ").replace("−", "-")) for value in pairs)
@@ -247,14 +247,14 @@ def _holding(group: Sequence[_Field]) -> list[bool | None]:
     no_shares = not percent and whole > 1.0 + _SLACK
     for one in group:
         if (one.never_alone and len(group) == 1) or (one.paired and no_shares):
-            found.append(None)
+            verdicts.append(None)
         elif one.value in _YES | _NO:
-            found.append(one.value in _YES)
+            verdicts.append(one.value in _YES)
         elif "objects" in one.slots:
-            found.append(one.value[0] not in "-−" and float(one.value.rstrip("% ")) > 0)
+            verdicts.append(one.value[0] not in "-−" and float(one.value.rstrip("% ")) > 0)
         else:
-            found.append(_leads(one, group))
-    return found
+            verdicts.append(_leads(one, group))
+    return verdicts
 
 
 def _leads(one: _Field, group: Sequence[_Field]) -> bool | None:

@@ -89,16 +89,16 @@ def questions(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
             rest = _CROSSES.sub(",", rest)
         read = values_of(f"a {rest}." if present is not None else f"{rest}.")
         if present is not None or is_of_motion:
-            told = bool(read.get("objects")) and (present or not ACTIONS & read.keys())
+            is_relevant = bool(read.get("objects")) and (present or not ACTIONS & read.keys())
         else:
-            told = bool(read) and read.keys() <= ACTIONS
-        if not told:
+            is_relevant = bool(read) and read.keys() <= ACTIONS
+        if not is_relevant:
             continue
         denied = "no" if present is not None else ""
-        kept = rest if yes or denied else " " * len(rest)
+        body = rest if yes or denied else " " * len(rest)
         head = ("" if yes else denied).ljust(begin)
         stop = match.end() - match.start("question") - len(question) - 1
-        yield match.start("question"), head + kept + "." + " " * stop
+        yield match.start("question"), head + body + "." + " " * stop
 
 
 def vectors(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
@@ -117,25 +117,25 @@ def vectors(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
         for legend in [*legends, *([behind] if behind is not None else [])]:
             group = "listed" if legend["listed"] is not None else "line"
             names = _names_of(legend[group], legend.start(group))
-            if (kept := _asserted_of(names, values, values_of)) is not None:
-                yield from _blank_but(text, names, kept)
+            if (label_index := _asserted_of(names, values, values_of)) is not None:
+                yield from _blank_but(text, names, label_index)
                 yield match.start(), " " * len(match.group())
                 break
     for match in _TABLE.finditer(text):
         names = _names_of(match["names"], match.start("names"))
-        kept = _asserted_of(names, match["values"].split("|"), values_of)
-        if kept is not None:
-            yield from _blank_but(text, names, kept)
+        label_index = _asserted_of(names, match["values"].split("|"), values_of)
+        if label_index is not None:
+            yield from _blank_but(text, names, label_index)
             yield match.start("values"), " " * len(match["values"])
 
 
 def _names_of(listed: str, offset: int) -> list[tuple[str, int]]:
     """Part a list into its names, each with its offset in the text."""
-    found = []
+    names = []
     for match in re.finditer(r"[^,|/;]+", listed):
         plain = match.group().strip().strip("\"'*_ ")
-        found.append((plain, offset + match.start() + match.group().find(plain)))
-    return found
+        names.append((plain, offset + match.start() + match.group().find(plain)))
+    return names
 
 
 def _asserted_of(
@@ -158,26 +158,28 @@ def _asserted_of(
     return numbers.index(first) if first - second >= CLEAR - 1e-9 else -1
 
 
-def _blank_but(text: str, names: Sequence[tuple[str, int]], kept: int) -> Iterator[tuple[int, str]]:
+def _blank_but(
+    text: str, names: Sequence[tuple[str, int]], label_index: int
+) -> Iterator[tuple[int, str]]:
     for i, (name, start) in enumerate(names):
-        if i != kept:
+        if i != label_index:
             yield start, " " * len(name)
     # What parts the labels, and their brackets, would bind the one that is left to its neighbours.
     end = names[-1][1] + len(names[-1][0])
     for (name, start), (_, after) in pairwise(names):
         yield start + len(name), " " * (after - start - len(name))
-    if kept >= 0 and end < len(text) and text[end : end + 1] in "])}":
+    if label_index >= 0 and end < len(text) and text[end : end + 1] in "])}":
         yield end, "."
 
 
 def boxes(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
     """Blanks for the alternatives whose box is empty, and for ticks that the rules don't know."""
-    found = list(_BOX.finditer(text))
-    if not 2 <= len(found) <= _MOST_BOXES:
+    matches = list(_BOX.finditer(text))
+    if not 2 <= len(matches) <= _MOST_BOXES:
         return
     items = []
-    for i, box in enumerate(found):
-        stop = found[i + 1].start() if i + 1 < len(found) else len(text)
+    for i, box in enumerate(matches):
+        stop = matches[i + 1].start() if i + 1 < len(matches) else len(text)
         line = text.find("\n", box.end(), stop)
         end = line if line >= 0 else stop
         mark = box["in"] or box["round"] or box["sign"]

@@ -153,11 +153,11 @@ def _lists(text: str) -> Iterator[list[_Option]]:
             _Mark(m.start(), m.end(), m["sign"].translate(_DRAWN)[0], "drawn")
             for m in _DRAWN_MARK.finditer(text)
         ]
-    known = {m.start("mark") for m in items}
+    mark_starts = {m.start("mark") for m in items}
     marks += [
         _Mark(m.start(), m.end(), m["mark"], "line")
         for m in _LINE_ITEM.finditer(text)
-        if m.start("mark") not in known
+        if m.start("mark") not in mark_starts
     ]
     if "{" in text:
         marks += [_Mark(m.start(), m.end(), m["mark"], "key") for m in _KEYED_MARK.finditer(text)]
@@ -187,7 +187,7 @@ def _place(mark: str) -> tuple[str, int]:
 
 
 def _options(text: str, run: Sequence[_Mark]) -> list[_Option]:
-    found = []
+    options = []
     for i, mark in enumerate(run):
         if i + 1 < len(run):
             end = run[i + 1].start
@@ -195,8 +195,8 @@ def _options(text: str, run: Sequence[_Mark]) -> list[_Option]:
             ends = _VALUE_END if mark.close == "key" else _SENTENCE_END
             stop = ends.search(text, mark.end)
             end = len(text) if stop is None else stop.start()
-        found.append(_Option(mark.name, mark.start, mark.end, end, mark.close == "line"))
-    return found
+        options.append(_Option(mark.name, mark.start, mark.end, end, mark.close == "line"))
+    return options
 
 
 def _are_options(text: str, options: Sequence[_Option], values_of: Values) -> bool:

@@ -80,15 +80,15 @@ def nested(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
         if values_of(match["value"]).get("objects"):
             yield match.start("vehicle") - 1, " " * (1 + len(match["vehicle"]))
     for match in _MOTION.finditer(text):
-        given = match["object"]
-        fields = list(_TEXT.finditer(given))
-        said = [one for one in fields if one["key"].lower() in _OF_MOTION]
-        sides = [one for one in fields if one["key"].lower() in _OF_SIDE and said]
-        if not said or (sides and sides[0].start() < said[0].start()):
+        object_text = match["object"]
+        fields = list(_TEXT.finditer(object_text))
+        motions = [one for one in fields if one["key"].lower() in _OF_MOTION]
+        sides = [one for one in fields if one["key"].lower() in _OF_SIDE and motions]
+        if not motions or (sides and sides[0].start() < motions[0].start()):
             continue
-        flat = [" "] * len(given)
-        _put(flat, said[0].start("value") - 1, f'"{said[0]["value"]}')
-        end = said[0].end("value")
+        flat = [" "] * len(object_text)
+        _put(flat, motions[0].start("value") - 1, f'"{motions[0]["value"]}')
+        end = motions[0].end("value")
         for one in sides[:1]:
             value, key = one["value"].lower(), one["key"].lower()
             if key == "direction" and value in _SIDES:

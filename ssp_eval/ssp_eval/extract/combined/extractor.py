@@ -86,8 +86,8 @@ class Extractor:
         """
         language = foreign_language(text)
         extracted = replace(self._slots(text, language is None), language=language)
-        given = sum(getattr(extracted.slots, name) is not None for name in SLOT_NAMES)
-        self.counts["slots_given"] += given
+        slot_count = sum(getattr(extracted.slots, name) is not None for name in SLOT_NAMES)
+        self.counts["slots_given"] += slot_count
         self.counts["reader_filled"] += len(extracted.by_reader)
         self.counts["reader_withdrawn"] += len(extracted.withdrawn)
         return extracted
@@ -97,31 +97,31 @@ class Extractor:
         if not (self._use_reader and is_english):
             return self._with_llm(text, TextExtraction(reading.slots))
         judgement = complete(text, reading)
-        known = TextExtraction(judgement.slots, judgement.filled, judgement.withdrawn)
-        return self._with_llm(text, known)
+        extraction = TextExtraction(judgement.slots, judgement.filled, judgement.withdrawn)
+        return self._with_llm(text, extraction)
 
-    def _with_llm(self, text: str, known: TextExtraction) -> TextExtraction:
+    def _with_llm(self, text: str, extraction: TextExtraction) -> TextExtraction:
         """Fill the slots that are still empty by the LLM."""
-        found = known.slots
-        empty = [name for name in SLOT_NAMES if getattr(found, name) is None]
+        prior_slots = extraction.slots
+        empty = [name for name in SLOT_NAMES if getattr(prior_slots, name) is None]
         if self._chat is None or not empty or not text.strip():
-            return known
+            return extraction
         body = self._answer(self._chat, text, empty)
         if isinstance(body, str):
-            return replace(known, trouble=body)
+            return replace(extraction, trouble=body)
         completion = read_completion(body)
         proposals = read_reply(split_answer(completion.text or "").text, empty)
         trouble = "it ends in the midst" if completion.cut_off else proposals.unreadable
         trouble = trouble if completion.refusal is None else "the model declines"
         if trouble:
             self.counts["unusable"] += 1
-            return replace(known, trouble=f"the LLM's answer can't be used: {trouble}")
-        judged = judge(text, found, proposals.items)
-        dropped = (*proposals.dropped, *judged.dropped)
-        self.counts["slots_filled"] += len(judged.slots)
+            return replace(extraction, trouble=f"the LLM's answer can't be used: {trouble}")
+        judgement = judge(text, prior_slots, proposals.items)
+        dropped = (*proposals.dropped, *judgement.dropped)
+        self.counts["slots_filled"] += len(judgement.slots)
         self.counts["proposals_dropped"] += len(dropped)
-        slots = replace(found, **judged.slots)
-        return replace(known, slots=slots, by_llm=tuple(judged.slots), dropped=dropped)
+        slots = replace(prior_slots, **judgement.slots)
+        return replace(extraction, slots=slots, by_llm=tuple(judgement.slots), dropped=dropped)
 
     @property
     def sha256(self) -> str:
@@ -148,10 +148,10 @@ class Extractor:
     def describe(self) -> dict[str, Any]:
         """Describe the extractor, and the outcome of its questions so far, for provenance."""
         reader = {"weights": reader_hash(), "counts": self.shares()} if self._use_reader else None
-        told: dict[str, Any] = {"rules": extractor_hash(), "reader": reader, "llm": None}
+        description: dict[str, Any] = {"rules": extractor_hash(), "reader": reader, "llm": None}
         if self._chat is not None:
-            told["llm"] = {**self._identity(self._chat), "counts": self.tally()}
-        return told
+            description["llm"] = {**self._identity(self._chat), "counts": self.tally()}
+        return description
 
     def shares(self) -> dict[str, int]:
         """Slots that were given, those of them that the reader filled, and those it took back."""
@@ -188,8 +188,8 @@ class Extractor:
         request = build_request(chat.model, sendable, empty, self._use_schema)
         digest = sha256_json(request)
         name = digest.removeprefix("sha256:")
-        kept = self._cache / name[:2] / f"{name}.body" if self._cache else None
-        body = _kept(kept)
+        cache_file = self._cache / name[:2] / f"{name}.body" if self._cache else None
+        body = _read_cache(cache_file)
         if body is not None:
             self.counts["cached"] += 1
             return body
@@ -210,8 +210,8 @@ class Extractor:
             return f"no answer: {error}"
         self._failures = 0
         self.counts["asked"] += 1
-        if kept is not None:
-            write_bytes(kept, body)
+        if cache_file is not None:
+            write_bytes(cache_file, body)
         return body
 
 
@@ -223,7 +223,7 @@ def _checks_hash() -> str:
     return sha256_json({n: sha256_bytes((folder / n).read_bytes()) for n in names})
 
 
-def _kept(path: Path | None) -> bytes | None:
+def _read_cache(path: Path | None) -> bytes | None:
     """Return an answer in the cache; None where no usable one is there."""
     try:
         body = path.read_bytes() if path is not None else b""

@@ -105,13 +105,13 @@ class Judgement:
     dropped: tuple[str, ...]
 
 
-def judge(text: str, found: Slots, proposals: Sequence[Proposal]) -> Judgement:
+def judge(text: str, slots: Slots, proposals: Sequence[Proposal]) -> Judgement:
     """Return the slots that the LLM's proposals fill; one that the rules found stays as it is."""
     bench = TextUnderReview(text)
     filled: dict[str, Slot] = {}
     dropped: list[str] = []
     for name in SLOT_NAMES:
-        if getattr(found, name) is not None:
+        if getattr(slots, name) is not None:
             continue
         labels: set[str] = set()
         spans: set[tuple[int, int]] = set()
@@ -206,8 +206,8 @@ class TextUnderReview:
     def _means_another(self, proposal: Proposal, inside: list[Hit]) -> bool:
         """Tell whether the lexicon knows the quote's words for another label of the slot."""
         if proposal.slot == "objects":
-            named = {hit.value for hit in inside if hit.kind == "user"}
-            return bool(named) and proposal.label not in (*named, NOBODY)
+            labels = {hit.value for hit in inside if hit.kind == "user"}
+            return bool(labels) and proposal.label not in (*labels, NOBODY)
         return any(
             _is_another(proposal, hit)
             for hit in inside
@@ -293,18 +293,20 @@ class TextUnderReview:
         """Tell whether a quote is the value of what a road user is predicted to do."""
         before = [one for one in self.hits if one.first < stop][-_FAR:]
         ends = (one.kind == "mark" and one.value in _SENTENCE for one in reversed(before))
-        said = before[len(before) - next((i for i, end in enumerate(ends) if end), len(before)) :]
-        fields = [one.value for one in said if one.kind == "field"]
+        sentence = before[
+            len(before) - next((i for i, end in enumerate(ends) if end), len(before)) :
+        ]
+        fields = [one.value for one in sentence if one.kind == "field"]
         return fields[-1:] == ["forecast"]
 
     def _antecedent(self, hits: list[Hit]) -> str:
         """Return the kind that a pronoun refers to: its sentence's subject, or the last one's."""
-        found = ""
+        antecedent = ""
         for hit in reversed(hits[-_FAR:]):
-            if hit.kind == "mark" and hit.value in _SENTENCE and found:
+            if hit.kind == "mark" and hit.value in _SENTENCE and antecedent:
                 break
-            found = self._who(hit) if hit.kind in ("user", "ego") else found
-        return found
+            antecedent = self._who(hit) if hit.kind in ("user", "ego") else antecedent
+        return antecedent
 
     def _who(self, hit: Hit) -> str:
         """Return the kind of a subject; "the car" is the VUT where the text has no other car.
@@ -338,8 +340,8 @@ def _is_another(proposal: Proposal, hit: Hit) -> bool:
     slot, label = proposal.slot, proposal.label
     if slot in _ACTIONS:
         action = lexicon().verbs[hit.value].ego if hit.kind == "verb" else hit.value
-        known = lexicon().values[slot].values()
-        return hit.kind in ("verb", "noun", "action") and action in known and action != label
+        actions = lexicon().values[slot].values()
+        return hit.kind in ("verb", "noun", "action") and action in actions and action != label
     if slot == "conflict":
         over = hit.kind == "conflict" and hit.value in ("no_conflict", "resolved")
         return over and hit.value != label

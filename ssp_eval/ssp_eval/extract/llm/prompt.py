@@ -49,11 +49,11 @@ def build_request(
         empty: names of the slots that the rules left empty, at least one.
         use_schema: ask the server to hold answers to a schema.
     """
-    asked = {
+    questions = {
         name: {"about": f"{ASKED[name]} {CONVENTIONS[name]}", "labels": list(labels_of(name))}
         for name in empty
     }
-    content = json.dumps({"slots": asked, "text": text}, ensure_ascii=False)
+    content = json.dumps({"slots": questions, "text": text}, ensure_ascii=False)
     request: dict[str, Any] = {
         "model": model,
         "messages": [{"role": "system", "content": RULES}, {"role": "user", "content": content}],

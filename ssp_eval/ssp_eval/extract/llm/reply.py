@@ -36,7 +36,7 @@ class Proposals:
     unreadable: str = ""
 
 
-def read_reply(content: str, asked: Sequence[str]) -> Proposals:
+def read_reply(content: str, slot_names: Sequence[str]) -> Proposals:
     """Read the proposals of a completion for the slots that were asked for; raises on no string.
 
     A fence of code around the JSON is taken off.
@@ -54,19 +54,19 @@ def read_reply(content: str, asked: Sequence[str]) -> Proposals:
     dropped: list[str] = []
     for slot, answer in value.items():
         several = slot == "objects"
-        given = answer if several and isinstance(answer, list) else [answer]
-        if slot not in asked:
+        answers = answer if several and isinstance(answer, list) else [answer]
+        if slot not in slot_names:
             dropped.append("a slot that was not asked for")
         elif answer is None:
             continue
         elif isinstance(answer, list) != several:
             dropped.append(f"{slot}: {'no list' if several else 'a list'}")
-        elif len(given) > MAX_OBJECTS:
-            dropped.append(f"{slot}: {len(given)} answers")
+        elif len(answers) > MAX_OBJECTS:
+            dropped.append(f"{slot}: {len(answers)} answers")
         else:
-            found = [_read_one(slot, one) for one in given]
-            dropped += [f"{slot}: {one}" for one in found if isinstance(one, str)]
-            items += dict.fromkeys(one for one in found if isinstance(one, Proposal))
+            readings = [_read_one(slot, one) for one in answers]
+            dropped += [f"{slot}: {one}" for one in readings if isinstance(one, str)]
+            items += dict.fromkeys(one for one in readings if isinstance(one, Proposal))
     return Proposals(tuple(items), tuple(dropped))
 
 

@@ -77,10 +77,10 @@ def count(labelled: Iterable[tuple[str, Slots]]) -> Support:
         {
             key: frozenset(
                 word
-                for word, times in found.items()
+                for word, times in counts.items()
                 if _is_word(word) and times >= LEAST_SHARE * places[word]
             )
-            for key, found in inside.items()
+            for key, counts in inside.items()
         },
     )
 
@@ -97,25 +97,25 @@ def written(support: Support) -> str:
 
 def _entry(name: str, words: Iterable[str], indent: str) -> str:
     inner = f"{indent}  "
-    told = fill(
+    text = fill(
         " ".join(sorted(words)),
         100,
         initial_indent=inner,
         subsequent_indent=inner,
         break_on_hyphens=False,
     )
-    return f"{indent}{name}: >-\n{told}"
+    return f"{indent}{name}: >-\n{text}"
 
 
 @cache
 def load_support() -> Support:
     """Return the words of the file."""
-    found = read_mapping(FILE)
+    entries = read_mapping(FILE)
     return Support(
-        frozenset(found["known"].split()),
+        frozenset(entries["known"].split()),
         {
             (name, label): frozenset(words.split())
             for name in SLOT_NAMES
-            for label, words in found[name].items()
+            for label, words in entries[name].items()
         },
     )

@@ -46,22 +46,22 @@ def of_labels(name: str, shares: NDArray[np.float64], slots: Slots) -> list[Cand
         slots: what the rules read.
     """
     labels = LABELS[name]
-    said = shares[:, 1:]
+    label_shares = shares[:, 1:]
     count = len(shares)
-    most: list[float] = said.max(axis=0).tolist()
-    any_of: list[float] = (1.0 - np.prod(1.0 - said, axis=0)).tolist()
+    most: list[float] = label_shares.max(axis=0).tolist()
+    any_of: list[float] = (1.0 - np.prod(1.0 - label_shares, axis=0)).tolist()
     whole, whole_of = sum(most) + 1e-9, sum(any_of) + 1e-9
-    loudest: list[int] = said.argmax(axis=0).tolist()
-    saying = np.flatnonzero(said.sum(axis=1) > _SURE)
+    loudest: list[int] = label_shares.argmax(axis=0).tolist()
+    saying = np.flatnonzero(label_shares.sum(axis=1) > _SURE)
     last = int(saying[-1]) if len(saying) else -1
     slot = getattr(slots, name)
-    given = slot.value if slot is not None else None
-    found = []
+    rule_value = slot.value if slot is not None else None
+    candidates = []
     for at, label in enumerate(labels):
         rival = max(most[:at] + most[at + 1 :])
         rivals = max(any_of[:at] + any_of[at + 1 :])
         clause = loudest[at]
-        same, none = float(given == label), float(given is None)
+        same, none = float(rule_value == label), float(rule_value is None)
         odds, against = _odds(most[at]), _odds(rival)
         kinds = [float(other == at) for other in range(len(labels))]
         features = [
@@ -77,7 +77,7 @@ def of_labels(name: str, shares: NDArray[np.float64], slots: Slots) -> list[Cand
             any_of[at] / whole_of,
             float(clause == last),
             clause / max(count - 1, 1),
-            float(said[last, at]) if last >= 0 else 0.0,
+            float(label_shares[last, at]) if last >= 0 else 0.0,
             *_rules(none, same, slots),
             log(count),
             min(count, _LONG) / _LONG,
@@ -91,8 +91,8 @@ def of_labels(name: str, shares: NDArray[np.float64], slots: Slots) -> list[Cand
             none * log(count),
             same * log(count),
         ]
-        found.append(Candidate(label, features, clause))
-    return found
+        candidates.append(Candidate(label, features, clause))
+    return candidates
 
 
 def of_classes(shares: Mapping[str, float], slots: Slots, count: int) -> list[Candidate]:
@@ -103,15 +103,17 @@ def of_classes(shares: Mapping[str, float], slots: Slots, count: int) -> list[Ca
         slots: what the rules read.
         count: clauses of the text.
     """
-    given = slots.objects.value if slots.objects is not None else None
+    rule_classes = slots.objects.value if slots.objects is not None else None
     likely = tuple(sorted(name for name, share in shares.items() if share > _SURE))
     sets = [
-        one for one in dict.fromkeys([likely, given]) if one is not None and (one or given == ())
+        one
+        for one in dict.fromkeys([likely, rule_classes])
+        if one is not None and (one or rule_classes == ())
     ]
-    found = []
+    candidates = []
     for one in sets:
         odds = [_odds(p) if name in one else -_odds(p) for name, p in shares.items()]
-        same, none = float(one == given), float(given is None)
+        same, none = float(one == rule_classes), float(rule_classes is None)
         least, total = min(odds, default=0.0), sum(min(one, 0.0) for one in odds)
         features = [
             least,
@@ -130,8 +132,8 @@ def of_classes(shares: Mapping[str, float], slots: Slots, count: int) -> list[Ca
             none * log(count),
             same * log(count),
         ]
-        found.append(Candidate(tuple(one), features, -1))
-    return found
+        candidates.append(Candidate(tuple(one), features, -1))
+    return candidates
 
 
 def _odds(share: float) -> float:

@@ -68,12 +68,12 @@ def clauses_of(reading: Reading) -> list[ClauseSpan]:
     """Return the clauses of a text."""
     words = reading.tokens.words
     openers = {hit.first for hit in reading.hits if hit.kind == "cue" and hit.value in _OPENERS}
-    found: list[ClauseSpan] = []
+    clauses: list[ClauseSpan] = []
     start = sentence = 0
 
     def close(stop: int) -> None:
         if any(word[0].isalpha() for word in words[start:stop]):  # no numbers alone
-            found.append(ClauseSpan(start, stop, sentence))
+            clauses.append(ClauseSpan(start, stop, sentence))
 
     for at, word in enumerate(words):
         long = at - start >= _LEAST_WORDS
@@ -87,7 +87,7 @@ def clauses_of(reading: Reading) -> list[ClauseSpan]:
             close(at)
             start = at
     close(len(words))
-    return found
+    return clauses
 
 
 def view(reading: Reading) -> View:
@@ -98,25 +98,27 @@ def view(reading: Reading) -> View:
     words = _normal(reading)
     inside = _hits_inside(reading, clauses)
     critical = critical_of(reading.world)
-    mentions = {said.first for said in critical.mentions} if critical is not None else set()
-    seen = [
-        _seen(
+    mentions = {mention.first for mention in critical.mentions} if critical is not None else set()
+    own_features = [
+        _own_features(
             words[one.first : one.stop], [(reading.hits[i], reading.flags[i]) for i in at], mentions
         )
         for one, at in zip(clauses, inside, strict=True)
     ]
-    told = _told(reading, clauses)
+    rule_values = _rule_values(reading, clauses)
     last = clauses[-1].sentence + 1 if clauses else 1
     users = sum(hit.kind == "user" for hit in reading.hits)
     features = []
     for at, one in enumerate(clauses):
-        known = seen[at].features | told[at]
-        known.update(_around(at, clauses, seen))
-        known.add(f"pos:{min(4, 5 * one.sentence // last)}")
-        known.add(f"len:{min(last, 6)}")
-        known.add(f"users:{min(users, 3)}")
-        known.update(f"no:{name}" for name in SLOT_NAMES if getattr(reading.slots, name) is None)
-        features.append(known)
+        clause_features = own_features[at].features | rule_values[at]
+        clause_features.update(_around(at, clauses, own_features))
+        clause_features.add(f"pos:{min(4, 5 * one.sentence // last)}")
+        clause_features.add(f"len:{min(last, 6)}")
+        clause_features.add(f"users:{min(users, 3)}")
+        clause_features.update(
+            f"no:{name}" for name in SLOT_NAMES if getattr(reading.slots, name) is None
+        )
+        features.append(clause_features)
     return View(clauses, features, _classes(reading, inside, features, critical))
 
 
@@ -143,29 +145,31 @@ def _hits_inside(reading: Reading, clauses: list[ClauseSpan]) -> list[list[int]]
     return inside
 
 
-def _seen(words: list[str], hits: list[tuple[Hit, Scope]], mentions: set[int]) -> _ClauseFeatures:
+def _own_features(
+    words: list[str], hits: list[tuple[Hit, Scope]], mentions: set[int]
+) -> _ClauseFeatures:
     """Return a clause by itself."""
     plain = [word for word in words if word and (word[0].isalnum() or word[0] in "<#")]
     hits = [(hit, flags) for hit, flags in hits if hit.kind != "mark"]
     names = [_name(hit) for hit, _ in hits]
     subject = next((_subject(hit) for hit, _ in hits if _subject(hit)), "none")
-    found = set(_grams(plain))
-    found.add(f"subj:{subject}")
-    found.update(f"sw:{subject}+{word}" for word in plain[:_OPENING])
+    features = set(_grams(plain))
+    features.add(f"subj:{subject}")
+    features.update(f"sw:{subject}+{word}" for word in plain[:_OPENING])
     for name, (hit, flags) in zip(names, hits, strict=True):
-        found.update(_of_hit(name, hit, flags))
-        found.update(f"hs:{name}+{side}" for side in _SIDES.intersection(plain))
+        features.update(_of_hit(name, hit, flags))
+        features.update(f"hs:{name}+{side}" for side in _SIDES.intersection(plain))
         if hit.kind == "verb":
-            found.add(f"sv:{subject}+{name}")
+            features.add(f"sv:{subject}+{name}")
     bounded = ["^", *names, "$"]
-    found.update(f"hb:{a} {b}" for a, b in pairwise(bounded))
+    features.update(f"hb:{a} {b}" for a, b in pairwise(bounded))
     users = [hit for hit, _ in hits if hit.kind == "user"]
-    found.add(f"nu:{min(len(users), 2)}")
+    features.add(f"nu:{min(len(users), 2)}")
     if users:
-        found.add(f"uform:{users[0].form}")
+        features.add(f"uform:{users[0].form}")
     if any(hit.first in mentions for hit in users):
-        found.add("crit")
-    return _ClauseFeatures(found, names, plain, subject)
+        features.add("crit")
+    return _ClauseFeatures(features, names, plain, subject)
 
 
 def _grams(words: list[str]) -> Iterator[str]:
@@ -221,60 +225,62 @@ def _of_hit(name: str, hit: Hit, flags: Scope) -> Iterator[str]:
         yield f"vo:{verb.other}"
 
 
-def _told(reading: Reading, clauses: list[ClauseSpan]) -> list[set[str]]:
+def _rule_values(reading: Reading, clauses: list[ClauseSpan]) -> list[set[str]]:
     """Return the values that the rules took from each clause."""
-    found: list[set[str]] = [set() for _ in clauses]
+    values: list[set[str]] = [set() for _ in clauses]
     bounds = [reading.tokens.span(one.first, one.stop) for one in clauses]
     for name in SLOT_NAMES:
         slot = getattr(reading.slots, name)
         for start, _ in slot.evidence if slot is not None else ():
             for at, (first, stop) in enumerate(bounds):
                 if first <= start < stop:
-                    found[at].add(f"r:{name}")
+                    values[at].add(f"r:{name}")
                     if name != "objects":
-                        found[at].add(f"rv:{name}={slot.value}")
-    return found
+                        values[at].add(f"rv:{name}={slot.value}")
+    return values
 
 
-def _around(at: int, clauses: list[ClauseSpan], seen: list[_ClauseFeatures]) -> Iterator[str]:
+def _around(
+    at: int, clauses: list[ClauseSpan], own_features: list[_ClauseFeatures]
+) -> Iterator[str]:
     """Yield the features before and behind a clause."""
     if at:
-        before = seen[at - 1]
+        before = own_features[at - 1]
         yield from (f"ph:{name}" for name in before.hits)
         yield from (f"pw:{word}" for word in before.words[-3:])
-        yield f"psub:{before.subject}>{seen[at].subject}"
+        yield f"psub:{before.subject}>{own_features[at].subject}"
     else:
         yield "first"
     if at + 1 < len(clauses):
-        after = seen[at + 1]
+        after = own_features[at + 1]
         yield from (f"nh:{name}" for name in after.hits)
         yield from (f"nw:{word}" for word in after.words[:2])
     else:
         yield "last"
     for other in range(max(0, at - _NEAR), min(len(clauses), at + _NEAR + 1)):
         if other != at and clauses[other].sentence == clauses[at].sentence:
-            yield from (f"sh:{name}" for name in seen[other].hits)
+            yield from (f"sh:{name}" for name in own_features[other].hits)
 
 
 def _classes(
     reading: Reading, inside: list[list[int]], features: list[set[str]], critical: Actor | None
 ) -> dict[str, set[str]]:
     """Return the road users' classes that are named, each with the features of its clauses."""
-    found: dict[str, set[str]] = {}
+    classes: dict[str, set[str]] = {}
     for at, numbers in enumerate(inside):
         for hit in (reading.hits[number] for number in numbers):
             if hit.kind == "user":
-                found.setdefault(hit.value, set()).update(features[at])
+                classes.setdefault(hit.value, set()).update(features[at])
     slot = reading.slots.objects
-    given = slot.value if slot is not None else ()
-    for name, known in found.items():
-        known.add(f"a:classes={min(len(found), 4)}")
-        known.add(f"a:rules={'none' if slot is None else name in given}")
+    rule_classes = slot.value if slot is not None else ()
+    for name, class_features in classes.items():
+        class_features.add(f"a:classes={min(len(classes), 4)}")
+        class_features.add(f"a:rules={'none' if slot is None else name in rule_classes}")
         for actor in (one for one in reading.world.actors if one.name == name):
-            known.update(_of_actor(actor))
+            class_features.update(_of_actor(actor))
             if actor is critical:
-                known.add("a:critical one")
-    return found
+                class_features.add("a:critical one")
+    return classes
 
 
 def _of_actor(actor: Actor) -> Iterator[str]:
@@ -283,5 +289,5 @@ def _of_actor(actor: Actor) -> Iterator[str]:
     for trait in ("parked", "critical", "matters", "background", "intruding"):
         if getattr(actor, trait):
             yield f"a:{trait}"
-    for told in ("mentions", "places", "motions", "conflicts"):
-        yield f"a:{told}={min(len(getattr(actor, told)), 2)}"
+    for kind in ("mentions", "places", "motions", "conflicts"):
+        yield f"a:{kind}={min(len(getattr(actor, kind)), 2)}"

@@ -58,12 +58,12 @@ def complete(text: str, reading: Reading) -> Judgement:
         reading: what the rules made of it.
     """
     weights = load_weights()
-    seen = view(reading)
-    if not seen.clauses:
+    clause_view = view(reading)
+    if not clause_view.clauses:
         return Judgement(reading.slots)
-    support = Support(text, reading, seen, weights)
+    support = Support(text, reading, clause_view, weights)
     changed: dict[str, Slot | None] = {}
-    for name, candidates in all_candidates(weights, seen, reading.slots).items():
+    for name, candidates in all_candidates(weights, clause_view, reading.slots).items():
         threshold, slot = weights.thresholds[name], getattr(reading.slots, name)
         certain = {one.value: weights.certainty(name, one) for one in candidates}
         if slot is not None and certain.get(slot.value, 1.0) >= threshold.keep:
@@ -71,14 +71,14 @@ def complete(text: str, reading: Reading) -> Judgement:
         best = max(candidates, key=lambda one: certain[one.value], default=None)
         sure = best is not None and certain[best.value] >= threshold.fill
         if best is None or not sure or (name == "motion" and _is_over(best, reading.slots)):
-            found = None
+            replacement = None
         else:
-            found = support.slot(name, best)
-        is_replaced = name == "lon_action" and slot is not None and found is not None
-        if is_replaced and support.is_later(found) and not support.is_later(slot):
+            replacement = support.slot(name, best)
+        is_replaced = name == "lon_action" and slot is not None and replacement is not None
+        if is_replaced and support.is_later(replacement) and not support.is_later(slot):
             continue  # I brake, then keep my speed
-        if found is not None or (slot is not None and len(seen.clauses) > FEW_CLAUSES):
-            changed[name] = found
+        if replacement is not None or (slot is not None and len(clause_view.clauses) > FEW_CLAUSES):
+            changed[name] = replacement
     filled = tuple(name for name, slot in changed.items() if slot is not None)
     withdrawn = tuple(name for name, slot in changed.items() if slot is None)
     return Judgement(replace(reading.slots, **changed), filled, withdrawn)
@@ -90,21 +90,23 @@ def _is_over(motion: Candidate, slots: Slots) -> bool:
     return over and str(motion.value).startswith(("crossing", "cutting"))
 
 
-def all_candidates(weights: Weights, seen: View, slots: Slots) -> Mapping[str, list[Candidate]]:
+def all_candidates(
+    weights: Weights, clause_view: View, slots: Slots
+) -> Mapping[str, list[Candidate]]:
     """Return the candidates of each slot, with what speaks for them."""
-    sums = np.array([weights.sums(features) for features in seen.features])
-    found = {}
+    sums = np.array([weights.sums(features) for features in clause_view.features])
+    candidates = {}
     for name in SLOT_NAMES:
         if name == CLASS:
             shares = {
                 one: share_of_class(weights.sums(features)[-1])
-                for one, features in seen.classes.items()
+                for one, features in clause_view.classes.items()
             }
-            found[name] = of_classes(shares, slots, len(seen.clauses))
+            candidates[name] = of_classes(shares, slots, len(clause_view.clauses))
         else:
             shares_of = shares_of_labels(sums[:, weights.columns(name)])
-            found[name] = of_labels(name, shares_of, slots)
-    return found
+            candidates[name] = of_labels(name, shares_of, slots)
+    return candidates
 
 
 @dataclass(frozen=True)

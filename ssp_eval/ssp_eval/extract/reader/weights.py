@@ -106,15 +106,15 @@ def _pairs(row: NDArray[np.int32]) -> list[int]:
 @cache
 def load_weights() -> Weights:
     """Return the weights of the file, read once."""
-    found = json.loads(FILE.read_text(encoding="utf-8"))
-    features = found["features"]
+    content = json.loads(FILE.read_text(encoding="utf-8"))
+    features = content["features"]
     table = np.zeros((len(features), len(COLUMNS)), dtype=np.int32)
     for row, pairs in enumerate(features.values()):
         table[row, pairs[::2]] = pairs[1::2]
     return Weights(
         {name: row for row, name in enumerate(features)},
         table,
-        np.array(found["bias"], dtype=np.int32),
-        found["joining"],
-        {name: Threshold(**one) for name, one in found["thresholds"].items()},
+        np.array(content["bias"], dtype=np.int32),
+        content["joining"],
+        {name: Threshold(**one) for name, one in content["thresholds"].items()},
     )

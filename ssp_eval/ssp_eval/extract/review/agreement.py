@@ -124,8 +124,8 @@ def compare(items: Sequence[KeyItem], first: Answers, second: Answers) -> Review
             overlap=_overlap(sure) if name == "objects" else None,
             score=Score(
                 given=sum(extracted != NONE for extracted, _ in agreed),
-                wanted=sum(wanted != NONE for _, wanted in agreed),
-                right=sum(extracted == wanted != NONE for extracted, wanted in agreed),
+                wanted=sum(label != NONE for _, label in agreed),
+                right=sum(extracted == label != NONE for extracted, label in agreed),
             ),
         )
     disagreements.sort(key=lambda one: one.review_id)
@@ -167,6 +167,6 @@ def _overlap(pairs: Sequence[tuple[str, str]]) -> float | None:
     shares = []
     for one, other in pairs:
         first, second = (set(text.split(BETWEEN)) & set(OBJECTS) for text in (one, other))
-        named = first | second
-        shares.append(len(first & second) / len(named) if named else float(one == other))
+        union = first | second
+        shares.append(len(first & second) / len(union) if union else float(one == other))
     return sum(shares) / len(shares) if shares else None

@@ -25,15 +25,15 @@ _COMMENT = "comment"
 Answers = Mapping[str, Mapping[str, str]]
 
 
-def _answers(given: Mapping[str, str]) -> dict[str, str]:
+def _answers(answers: Mapping[str, str]) -> dict[str, str]:
     """Return the answers to all questions about a text, without the comment."""
-    for name in given:
+    for name in answers:
         if name not in (*SLOT_NAMES, _COMMENT):
             raise ValueError(f"{name}: is not a known key; known are {', '.join(SLOT_NAMES)}")
     for name in SLOT_NAMES:
-        if name not in given:
+        if name not in answers:
             raise ValueError(f"{name}: is missing")
-    return {name: _answer(name, given[name]) for name in SLOT_NAMES}
+    return {name: _answer(name, answers[name]) for name in SLOT_NAMES}
 
 
 def _answer(slot: str, value: str) -> str:
@@ -111,18 +111,18 @@ def load_answers(path: Path, key: Key) -> Answers:
             value=form.subset,
             remedy="give the form and the key of one review",
         )
-    known = [item.review_id for item in key.items]
+    review_ids = [item.review_id for item in key.items]
     for review_id in form.answers:
-        if review_id not in known:
+        if review_id not in review_ids:
             problem = "is no text of this review"
             raise InputError(
                 problem, file=path, field="answers", value=review_id, remedy="remove the entry"
             )
-    if missing := [review_id for review_id in known if review_id not in form.answers]:
+    if missing := [review_id for review_id in review_ids if review_id not in form.answers]:
         more = f" and {len(missing) - 1} others" if len(missing) > 1 else ""
         raise InputError(
             f"has no answers for {missing[0]}{more}",
             file=path,
             remedy="answer all texts of the form",
         )
-    return {review_id: form.answers[review_id] for review_id in known}
+    return {review_id: form.answers[review_id] for review_id in review_ids}

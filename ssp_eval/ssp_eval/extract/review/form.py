@@ -55,7 +55,7 @@ def form(texts: Mapping[str, str], subset: str, reviewer: int) -> str:
         "subset": subset,
         "reviewer": reviewer,
         "slots": slots,
-        "texts": [{"id": key, "text": _shown(text)} for key, text in texts.items()],
+        "texts": [{"id": key, "text": _encodable_text(text)} for key, text in texts.items()],
         "alone": [NOBODY, NONE, UNSURE],
         "none": NONE,
         "unsure": UNSURE,
@@ -72,5 +72,5 @@ def _order(subset: Subset, reviewer: int) -> dict[str, str]:
     return {key: subset.texts[key] for key in keys}
 
 
-def _shown(text: str) -> str:
+def _encodable_text(text: str) -> str:
     return text.encode("utf-8", "replace").decode()

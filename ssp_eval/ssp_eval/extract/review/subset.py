@@ -60,38 +60,40 @@ def choose(candidates: Sequence[Candidate], count: int, seed: int) -> list[Candi
     for index, candidate in enumerate(pool):
         for stratum in candidate.strata:
             members.setdefault(stratum, []).append(index)
-    drawn: Counter[tuple[str, str]] = Counter()
-    taken: set[int] = set()
-    chosen: list[Candidate] = []
-    while len(chosen) < min(count, len(pool)):
+    draw_counts: Counter[tuple[str, str]] = Counter()
+    indices: set[int] = set()
+    sample: list[Candidate] = []
+    while len(sample) < min(count, len(pool)):
         for stratum in list(members):
-            while members[stratum] and members[stratum][-1] in taken:
+            while members[stratum] and members[stratum][-1] in indices:
                 members[stratum].pop()
             if not members[stratum]:
                 del members[stratum]
-        index = members[min(members, key=lambda one: (drawn[one], one))].pop()
-        taken.add(index)
-        chosen.append(pool[index])
-        drawn.update(pool[index].strata)
-    rng.shuffle(chosen)
-    return chosen
+        index = members[min(members, key=lambda one: (draw_counts[one], one))].pop()
+        indices.add(index)
+        sample.append(pool[index])
+        draw_counts.update(pool[index].strata)
+    rng.shuffle(sample)
+    return sample
 
 
 def make_subset(
-    chosen: Sequence[Candidate], source_sha256: str, extractor: str, seed: int
+    sample: Sequence[Candidate], source_sha256: str, extractor: str, seed: int
 ) -> Subset:
     """Texts under new ids, in the order of these, and the key.
 
     Args:
-        chosen: texts.
+        sample: texts.
         source_sha256: of the file of texts.
         extractor: hash of the extractor.
         seed: of the choice.
     """
-    width = max(3, len(str(len(chosen))))
+    width = max(3, len(str(len(sample))))
     # Ids of two reviews differ, so that answers to one are never taken for answers to another.
-    series = sha256_json([one.sha256 for one in chosen])[7:11]
-    named = {f"r{series}-{number:0{width}d}": one for number, one in enumerate(chosen, start=1)}
+    series = sha256_json([one.sha256 for one in sample])[7:11]
+    candidates_by_id = {
+        f"r{series}-{number:0{width}d}": one for number, one in enumerate(sample, start=1)
+    }
     items = tuple(
         KeyItem(
             review_id=review_id,
@@ -99,10 +101,10 @@ def make_subset(
             text_sha256=one.sha256,
             extracted=one.answers,
         )
-        for review_id, one in named.items()
+        for review_id, one in candidates_by_id.items()
     )
     subset = sha256_json({item.review_id: item.text_sha256 for item in items})
-    texts = {review_id: one.text for review_id, one in named.items()}
+    texts = {review_id: one.text for review_id, one in candidates_by_id.items()}
     return Subset(
         texts,
         Key(

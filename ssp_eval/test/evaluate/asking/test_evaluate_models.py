@@ -81,7 +81,7 @@ def test_the_file_in_the_documents_is_one(tmp_path: Path) -> None:
     text = (Path(__file__).parents[4] / "docs" / "bridges.md").read_text()
     (example,) = re.findall(r"```yaml\n(schema: ssp\.models/1\n.*?)```", text, re.S)
     models = load_models(written(tmp_path / "models.yaml", example))
-    assert [model.spoken.name for model in models] == ["openemma", "alpamayo"]
+    assert [model.model_interface.name for model in models] == ["openemma", "alpamayo"]
     assert models[0].read_by() == "openemma:corrected"
 
 
@@ -171,14 +171,14 @@ def test_a_bridge_on_the_command_line_has_the_same_parts() -> None:
     assert (spec.backend_name, spec.adapter, spec.timeout_s) == ("openai", "waypoints", 90)
     assert dict(spec.options) == {"model": "q-8b"}
     # Interface, and by it preprocessing and adapter, come from the backend and its options.
-    assert spec.spoken is INTERFACES["openemma"]
+    assert spec.model_interface is INTERFACES["openemma"]
     assert spec.rules == INTERFACES["openemma"].preprocessing
     other = bridge_spec('x={"backend": "openai", "interface": "llavida", "adapter": "waypoints"}')
-    assert other.spoken is INTERFACES["llavida"]
+    assert other.model_interface is INTERFACES["llavida"]
     assert bridge_spec("constant_velocity").rules == Preprocessing()
     assert bridge_spec("constant_velocity").read_by() == "waypoints:ego_xy"
     attached = attached_spec('mine={"interface": "llavida", "adapter": "waypoints"}')
-    assert (attached.attached, attached.spoken.name) == (True, "llavida")
+    assert (attached.attached, attached.model_interface.name) == (True, "llavida")
     with pytest.raises(InputError, match="has its backend and options already"):
         attached_spec('mine={"backend": "silent"}')
     with pytest.raises(InputError, match="is a secret's place"):

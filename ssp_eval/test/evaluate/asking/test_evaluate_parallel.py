@@ -132,7 +132,7 @@ def test_workers_give_what_one_process_gives(
     assert [r.score for r in first] == [r.score for r in second]
     assert [plan.label_times for plan in told] == [len(records)]
     again = run_parallel(bags, models, settings(many), 1, engine)
-    assert sum(result.asked for result in again) == 0
+    assert sum(result.sent for result in again) == 0
 
 
 def test_a_worker_that_dies_is_a_failed_cell(

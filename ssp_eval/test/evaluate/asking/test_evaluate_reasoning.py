@@ -39,19 +39,19 @@ class Noting(Answering):
     """Answers with what its model was to be given back."""
 
     def client(self, model: ModelSpec, options: Mapping[str, Any]) -> Any:
-        self.given = str(options.get("give_back", "nothing"))
+        self.fact = str(options.get("give_back", "nothing"))
         return self
 
     def ask(self, request: Request) -> ModelReply:
         self.requests.append(request)
-        text = f"given {self.given}"
+        text = f"given {self.fact}"
         return ModelReply(Response(request.request_id, request.stamp_ns, "chat", "s/1", text))
 
 
 def test_a_model_is_asked_with_each_fact_turned_and_with_none() -> None:
     models = with_reasoning(with_pictures(with_controls([SEEING, CHAT])))
     added = [model for model in models if model.condition.startswith("reasoning.")]
-    assert [model.shown for model in added] == SHOWN
+    assert [model.result_name for model in added] == SHOWN
     assert [model.options for model in added] == [{**OPTIONS, "give_back": f} for f in FACTS]
     assert all(model.control for model in added)
     assert [condition_of(name) for name in SHOWN] == [
@@ -77,11 +77,11 @@ def test_a_campaign_tells_the_backend_what_to_give_back(make_bag: BagMaker, tmp_
     frames = [[frame.sha256 for frame in request.frames] for request in client.requests]
     assert frames == frames[:9] * 6
     again = run_campaign(bags, models, client, tmp_path, CellOptions())
-    assert [(result.asked, result.reused) for result in again] == [(0, 9)] * 6
+    assert [(result.sent, result.reused) for result in again] == [(0, 9)] * 6
 
 
 def test_who_can_t_be_given_its_text_is_named(capfd: pytest.CaptureFixture[str]) -> None:
-    assert [model.shown for model in reasoned([SEEING, CHAT])] == ["seeing", "chat", *SHOWN]
+    assert [model.result_name for model in reasoned([SEEING, CHAT])] == ["seeing", "chat", *SHOWN]
     assert "reasoning of seeing: n/a" in capfd.readouterr().err
     for models in ([SEEING], [attached_spec("chat")]):
         with pytest.raises(click.UsageError, match="needs the backend openai"):

@@ -47,7 +47,7 @@ class Service(ThreadingHTTPServer):
         self, key: str = "", busy_at: tuple[int, ...] = (), silent_at: tuple[int, ...] = ()
     ) -> None:
         super().__init__(("127.0.0.1", 0), _Handler)
-        self.key, self.busy_at, self.silent_at, self.asked = key, busy_at, silent_at, 0
+        self.key, self.busy_at, self.silent_at, self.request_count = key, busy_at, silent_at, 0
         self.ended = threading.Event()
 
     @property
@@ -82,11 +82,11 @@ class _Handler(BaseHTTPRequestHandler):
         asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
         if not self._allowed():
             return
-        self.server.asked += 1
-        if self.server.asked - 1 in self.server.silent_at:
+        self.server.request_count += 1
+        if self.server.request_count - 1 in self.server.silent_at:
             self.server.ended.wait(60.0)
             return
-        if self.server.asked - 1 in self.server.busy_at:
+        if self.server.request_count - 1 in self.server.busy_at:
             self._reply(503, {"error": "busy"}, **{"Retry-After": "1"})
             return
         answer = {"text": "A car is ahead.", "arrays": [PLAN], "decoding": {"seed": 1}}
@@ -125,14 +125,14 @@ def test_a_service_that_needs_a_key_costs_its_cell_and_no_key_is_kept(
         lacking = ModelSpec("lacking", {"url": service.url}, backend="http")
         given = {"url": service.url, "api_key_env": "SERVICE_KEY"}
         refused, answered = evaluate(bag, out, lacking, ModelSpec("keyed", given, backend="http"))
-    assert (refused.status, refused.asked, refused.missing) == ("failed", 9, 9)
+    assert (refused.status, refused.sent, refused.missing) == ("failed", 9, 9)
     assert dict(refused.losses) == {"bridge answered an error": 9}
     asked = [json.loads(line) for line in (refused.folder / "requests.jsonl").open()]
     for one in asked:
         assert "asks for a key (401)" in one["missing"]
         assert "api_key_env" in one["missing"]
     # The campaign went on to the next model, over the same backend.
-    assert (answered.status, answered.missing, service.asked) == ("ok", 0, 9)
+    assert (answered.status, answered.missing, service.request_count) == ("ok", 0, 9)
     assert answered.score is not None
     assert answered.score["n"] == 9
     cell = json.loads((answered.folder / "cell.json").read_text())
@@ -151,9 +151,9 @@ def test_a_request_that_a_service_didn_t_take_is_asked_again(
         model = ModelSpec("m", options, backend="http")
         (once,) = evaluate(bag, tmp_path / "once", model)
         assert dict(once.losses) == {"bridge overloaded": 2}
-        service.asked = 0
+        service.request_count = 0
         (again,) = evaluate(bag, tmp_path / "again", model, retry_errors=1, retry_pause_s=0.0)
-    assert (again.missing, again.again, service.asked) == (0, 2, 11)
+    assert (again.missing, again.again, service.request_count) == (0, 2, 11)
     answers = json.loads((again.folder / "cell.json").read_text())["answers"]
     assert (answers["asked_again"], answers["sent"]) == (2, 9)
 
@@ -166,7 +166,7 @@ def test_a_service_that_hangs_is_asked_again_only_where_that_is_wanted(
     with serving(silent_at=(2, 3)) as service:
         model = ModelSpec("m", {"url": service.url, "timeout_s": 3.0}, backend="http")
         (once,) = evaluate(bag, tmp_path / "once", model)
-        assert (dict(once.losses), service.asked) == ({"no answer in time": 2}, 9)
+        assert (dict(once.losses), service.request_count) == ({"no answer in time": 2}, 9)
         asked = [json.loads(line) for line in (once.folder / "requests.jsonl").open()]
         assert "error 1: " in asked[2]["missing"]
         # Of the second, what was left when the request had been made ready.
@@ -175,9 +175,9 @@ def test_a_service_that_hangs_is_asked_again_only_where_that_is_wanted(
         assert 0.0 < float(within[1]) <= 3.0
         log = (tmp_path / "once" / "logs" / "bridge_m.log").read_text()
         assert log.count("is ready") == 1
-        service.asked = 0
+        service.request_count = 0
         (again,) = evaluate(bag, tmp_path / "again", model, retry_errors=2, retry_pause_s=0.0)
-    assert (again.missing, again.again, service.asked) == (0, 2, 11)
+    assert (again.missing, again.again, service.request_count) == (0, 2, 11)
 
 
 def test_the_time_to_start_is_an_option(make_bag: BagMaker, tmp_path: Path) -> None:
@@ -222,11 +222,11 @@ def test_a_bridge_that_comes_late_serves_the_cell_that_is_asked_once_more(
     )
 
     class Clients(TopicClients):
-        asked = 0
+        call_count = 0
 
         def client(self, *arguments: Any) -> ModelClient:
-            self.asked += 1
-            if self.asked == 2:
+            self.call_count += 1
+            if self.call_count == 2:
                 go.touch()
                 until(lambda: "is ready" in log.read_text(), "the bridge to be ready")
             return super().client(*arguments)
@@ -236,7 +236,7 @@ def test_a_bridge_that_comes_late_serves_the_cell_that_is_asked_once_more(
     bags = [(make_bag(), None), (make_bag("second", domain="physical"), None)]
     with Clients(log.parent, 20.0, False, 5.0) as clients:
         first, second = run_campaign(bags, [slow], clients, tmp_path / "out", CellOptions(), True)
-    assert (first.status, second.status, clients.asked) == ("ok", "ok", 3)
+    assert (first.status, second.status, clients.call_count) == ("ok", "ok", 3)
     # It was started once: two bridges on the same topics would answer everything twice.
     answers = json.loads((second.folder / "cell.json").read_text())["answers"]
     assert answers["ignored"] == {"late": 0, "duplicate": 0, "unknown": 0}

@@ -166,7 +166,7 @@ class _Cut:
         ):
             late_joiners[topic].keep(LatchedMessage(data, publish_time_ns, sequence))
         for topic, latched in late_joiners.items():
-            for data, publish_time_ns, sequence in latched.kept:
+            for data, publish_time_ns, sequence in latched.messages:
                 yield BagMessage(topic, start_ns, publish_time_ns, data, sequence)
 
     def _write(self, message: BagMessage, besides: dict[str, int] | None = None) -> None:

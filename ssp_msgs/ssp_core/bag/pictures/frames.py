@@ -101,7 +101,7 @@ class VideoDecoder:
         packet.pts = packet.dts = number
         self._waiting.add(number)
         try:
-            ready = self._known(self._codec.decode(packet))
+            ready = self._select_waiting(self._codec.decode(packet))
             if any(frame.is_corrupt for _, frame in ready):
                 raise ValueError("a frame that is damaged, or frames before it are missing")
             if len(self._waiting) > _MOST_WAITING:
@@ -117,13 +117,13 @@ class VideoDecoder:
     def finish(self) -> list[Decoded]:
         """Return the pictures that were held back; the next frame must be a keyframe."""
         try:
-            ready = self._known(self._codec.decode(None)) if self._started else []
+            ready = self._select_waiting(self._codec.decode(None)) if self._started else []
         except (av.error.FFmpegError, MemoryError):
             ready = []
         self._fresh()
         return ready
 
-    def _known(self, frames: list[av.VideoFrame]) -> list[Decoded]:
+    def _select_waiting(self, frames: list[av.VideoFrame]) -> list[Decoded]:
         ready = []
         for frame in frames:
             if frame.pts in self._waiting:
@@ -306,12 +306,14 @@ class Frames:
                 waiting.clear()
                 self._damaged(message.log_time_ns, str(error))
                 continue
-            yield from self._shown(ready, waiting)
+            yield from self._decoded_pictures(ready, waiting)
         if decoder is not None:
-            yield from self._shown(decoder.finish(), waiting)
+            yield from self._decoded_pictures(decoder.finish(), waiting)
 
     @staticmethod
-    def _shown(ready: Iterable[Decoded], waiting: dict[int, tuple[int, int]]) -> Iterator[Picture]:
+    def _decoded_pictures(
+        ready: Iterable[Decoded], waiting: dict[int, tuple[int, int]]
+    ) -> Iterator[Picture]:
         for number, frame in ready:
             if number in waiting:
                 stamp_ns, log_time_ns = waiting.pop(number)

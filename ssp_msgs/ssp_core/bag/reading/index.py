@@ -164,25 +164,25 @@ class ContentCache:
         self._budget = budget
         self._limit = limit_bytes
         self._bytes = 0
-        self._kept: OrderedDict[ChunkRun, memoryview] = OrderedDict()
+        self._chunks: OrderedDict[ChunkRun, memoryview] = OrderedDict()
 
     def __len__(self) -> int:
-        return len(self._kept)
+        return len(self._chunks)
 
     def content(self, run: ChunkRun) -> memoryview:
-        content = self._kept.get(run)
+        content = self._chunks.get(run)
         if content is None:
-            content = self._kept[run] = run.load()
+            content = self._chunks[run] = run.load()
             self._budget.take(len(content))
             self._bytes += len(content)
-            while self._bytes > self._limit and len(self._kept) > 1:
-                self._bytes -= len(self._kept.popitem(last=False)[1])
-        elif len(self._kept) > 1:
-            self._kept.move_to_end(run)
+            while self._bytes > self._limit and len(self._chunks) > 1:
+                self._bytes -= len(self._chunks.popitem(last=False)[1])
+        elif len(self._chunks) > 1:
+            self._chunks.move_to_end(run)
         return content
 
     def drop(self, run: ChunkRun) -> None:
-        content = self._kept.pop(run, None)
+        content = self._chunks.pop(run, None)
         if content is not None:
             self._bytes -= len(content)
 
@@ -200,7 +200,7 @@ class ChunkRun:
         self.start_ns = index.message_start_time
         self._file = file
         self._index = index
-        self._wanted = selection
+        self._selection = selection
         self._cache = cache
 
     def entries(self) -> Iterator[Entry]:
@@ -208,19 +208,19 @@ class ChunkRun:
         index = self._index
         if index.message_index_length:
             region = self._file.message_index(index)
-            entries = indexed_entries(region, index, self._wanted.topics)
+            entries = indexed_entries(region, index, self._selection.topics)
         else:
-            entries = scanned_entries(self._cache.content(self), self._wanted.topics)
+            entries = scanned_entries(self._cache.content(self), self._selection.topics)
         if entries:
             first, last = min(entries)[0], max(entries)[0]
             if first < index.message_start_time or last > index.message_end_time:
                 raise ValueError("a chunk holds messages outside the times of its index")
             if len({at for _, at in entries}) != len(entries):
                 raise ValueError("a message index names a message twice")
-        return self._wanted.times(entries)
+        return self._selection.times(entries)
 
     def message(self, entry: Entry) -> BagMessage:
-        return self._wanted.message(self._cache.content(self), entry[1], entry[0])
+        return self._selection.message(self._cache.content(self), entry[1], entry[0])
 
     def load(self) -> memoryview:
         index = self._index

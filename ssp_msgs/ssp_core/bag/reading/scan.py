@@ -105,7 +105,7 @@ class _Scan:
     def __init__(self, stream: BoundedFile, own_summary: Summary) -> None:
         self.loose = Loose()
         self._stream = stream
-        self._given = own_summary
+        self._own_summary = own_summary
         self._names = Names(own_summary)
         self._budget = UnpackBudget(stream.size)
         self._chunks: list[ChunkIndex] = []
@@ -182,7 +182,7 @@ class _Scan:
         counts = self._counts + Counter(self.loose.channels)
         for number in sorted(counts.keys() - findings.channels.keys()):
             raise ValueError(f"channel {number} has messages and no topic")
-        own_statistics = self._given.statistics
+        own_statistics = self._own_summary.statistics
         if own_statistics and (
             own_statistics.channel_message_counts or not own_statistics.message_count
         ):
@@ -211,12 +211,12 @@ class LooseRun:
         self.path = path
         self.start_ns = min(loose.times_ns)
         self._loose = loose
-        self._wanted = selection
+        self._selection = selection
         self._stream: BoundedFile | None = None
 
     def entries(self) -> Iterator[Entry]:
         self._stream = open_bounded(self.path)
-        return self._loose.entries(self._wanted)
+        return self._loose.entries(self._selection)
 
     def message(self, entry: Entry) -> BagMessage:
         if self._stream is None:
@@ -224,7 +224,7 @@ class LooseRun:
         frame = read_frame(self._stream, entry[1])
         self._stream.seek(frame.offset)
         record = memoryview(self._stream.read(HEAD.size + frame.length))
-        return self._wanted.message(record, 0, entry[0])
+        return self._selection.message(record, 0, entry[0])
 
     def close(self) -> None:
         if self._stream is not None:

@@ -23,13 +23,13 @@ class FileTurn:
 
     def __init__(self, split: Split | None) -> None:
         self._split = split
-        self._begun_ns: int | None = None
+        self._start_ns: int | None = None
         self._repeated_bytes = 0
         self._index_limit = INDEX_BYTES
 
     def begin(self, output: McapOutput, begin_ns: int) -> None:
         """Take a new file, in which the repeated messages stand already."""
-        self._begun_ns = begin_ns
+        self._start_ns = begin_ns
         self._repeated_bytes = output.size
         self._index_limit = output.index_bytes + INDEX_BYTES
 
@@ -45,12 +45,12 @@ class FileTurn:
             message_bytes: size of the message.
             log_time_ns: of the message.
         """
-        if self._begun_ns is None:
-            self._begun_ns = log_time_ns
+        if self._start_ns is None:
+            self._start_ns = log_time_ns
             return False
         if output.index_bytes >= self._index_limit:
             return True
-        span_ns = log_time_ns - self._begun_ns
+        span_ns = log_time_ns - self._start_ns
         return self._split is not None and self._split.due(
             output.size, message_bytes, span_ns, self._repeated_bytes
         )

@@ -37,7 +37,7 @@ class LateJoiner(Protocol):
         ...
 
     @property
-    def kept(self) -> Iterable[LatchedMessage]:
+    def messages(self) -> Iterable[LatchedMessage]:
         """The messages that a late joiner gets, the oldest first."""
         ...
 
@@ -63,16 +63,16 @@ class LatchedTopic:
         self._most = stated_depth(offered_qos, MOST_KEPT) or UNTOLD_DEPTH
         self._least = min(max(1, len(parse_offered_qos(offered_qos))), self._most)
         self._bytes = 0
-        self.kept: deque[LatchedMessage] = deque()
+        self.messages: deque[LatchedMessage] = deque()
 
     def keep(self, message: LatchedMessage) -> None:
         """Add the newest message and drop the oldest ones that are too many or too large."""
-        self.kept.append(message)
+        self.messages.append(message)
         self._bytes += len(message.cdr)
-        while len(self.kept) > self._most or (
-            self._bytes > KEPT_BYTES and len(self.kept) > self._least
+        while len(self.messages) > self._most or (
+            self._bytes > KEPT_BYTES and len(self.messages) > self._least
         ):
-            self._bytes -= len(self.kept.popleft().cdr)
+            self._bytes -= len(self.messages.popleft().cdr)
 
 
 class StaticTransforms:
@@ -125,9 +125,9 @@ class StaticTransforms:
         return last._replace(cdr=encode_transforms(self._newest.values()))
 
     @property
-    def kept(self) -> list[LatchedMessage]:
+    def messages(self) -> list[LatchedMessage]:
         """The transforms in one message, behind what couldn't be decoded."""
-        return [*self._others.kept, *([] if self._last is None else [self._merged(self._last)])]
+        return [*self._others.messages, *([] if self._last is None else [self._merged(self._last)])]
 
 
 def is_static(topic: str, msgtype: str) -> bool:

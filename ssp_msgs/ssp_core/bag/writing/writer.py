@@ -239,7 +239,7 @@ class BagWriter(Closing):
             output.add_schema(schema)
         for topic in self._topics.by_name.values():
             output.add_channel(topic.channel)
-            if topic.latched is not None and (messages := list(topic.latched.kept)):
+            if topic.latched is not None and (messages := list(topic.latched.messages)):
                 repeats = self._repeats(topic)
                 output.add_channel(repeats)
                 for cdr, publish_time_ns, sequence in messages:

@@ -82,7 +82,7 @@ class NewestReport:
     Args:
         connected: its control connection stands.
         number: of the state in its newest MONR; None before the first, and for 'unavailable'.
-        heard: a MONR has come since it was connected.
+        has_report: a MONR has come since it was connected.
         speed_mps: of its newest MONR.
         gate: why its probe report doesn't let it be armed, as sentences; empty when it does.
         lasting: no connection to come changes that.
@@ -91,7 +91,7 @@ class NewestReport:
 
     connected: bool = False
     number: int | None = None
-    heard: bool = False
+    has_report: bool = False
     speed_mps: float = 0.0
     gate: tuple[str, ...] = ()
     lasting: bool = False
@@ -306,7 +306,7 @@ class Conversation:
         self._now_ns = self._since_ns = 0
         self._clear_due = self._lost = False
         # Of a stop: since when it is told, and the speed then.
-        self._told: tuple[int, float] | None = None
+        self._stop_command: tuple[int, float] | None = None
         self._over = self._soft = False
         self._deaf = False
 
@@ -369,7 +369,7 @@ class Conversation:
         if not reported.connected:
             why = f": {reported.problem}" if reported.problem else ""
             lacks.append(f"its test object isn't connected{why}")
-        elif not reported.heard:
+        elif not reported.has_report:
             lacks.append("its test object sends no MONR")
         elif self._decided.state is C.DISARMED and reported.state is not C.DISARMED:
             lacks.append(f"its test object {reported.text}, not DISARMED (3)")
@@ -433,11 +433,11 @@ class Conversation:
     def _watch_stop(self, now_ns: int) -> None:
         speed = abs(self._reported.speed_mps)
         if self.status not in (CentreStatus.ABORT, CentreStatus.NORMAL_STOP):
-            self._told = None
+            self._stop_command = None
             return
-        if self._told is None:
-            self._told = now_ns, speed
-        since_ns, from_mps = self._told
+        if self._stop_command is None:
+            self._stop_command = now_ns, speed
+        since_ns, from_mps = self._stop_command
         took_s, bound_s = ns_to_seconds(now_ns - since_ns), self._settings.limits.stop_reaction_s
         if from_mps <= SLOW_MPS or self._deaf:
             return
@@ -457,7 +457,7 @@ class Conversation:
             # one that doesn't obey that either hears nothing any more.
             if self.status is CentreStatus.ABORT:
                 self._deaf = True
-            self._told = None
+            self._stop_command = None
 
     @property
     def _phase(self) -> SessionPhase:
@@ -500,7 +500,7 @@ class Conversation:
             return LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0, why)
         phase = self._phase
         agreement = fit(phase, reported.state)
-        if agreement is Fit.AGREES or phase in _EARLY or not reported.heard:
+        if agreement is Fit.AGREES or phase in _EARLY or not reported.has_report:
             return None
         if self._over and reported.state in (C.POSTRUN, C.DISARMED):
             return None

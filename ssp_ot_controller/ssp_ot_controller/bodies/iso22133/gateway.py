@@ -167,7 +167,7 @@ class Announcements:
     def __init__(self, object_id: str, tell: Callable[[str], None]) -> None:
         self._object_id = object_id
         self._tell = tell
-        self._told: set[str] = set()
+        self._announced_texts: set[str] = set()
 
     def always(self, text: str) -> None:
         """Say something, however often."""
@@ -175,13 +175,13 @@ class Announcements:
 
     def once(self, text: str) -> None:
         """Say something that wasn't said since the last ``forget``."""
-        if text not in self._told:
-            self._told.add(text)
+        if text not in self._announced_texts:
+            self._announced_texts.add(text)
             self.always(text)
 
     def forget(self) -> None:
         """Begin anew: what was said once may be said again."""
-        self._told.clear()
+        self._announced_texts.clear()
 
 
 class IsoBody:
@@ -254,7 +254,7 @@ class IsoBody:
             return (f"its test object isn't connected: {reported.problem}",)
         if self._refused:
             return (f"what it says is refused: {self._refused}",)
-        return () if reported.heard else ("its test object sends no MONR",)
+        return () if reported.has_report else ("its test object sends no MONR",)
 
     # -- as a test object ----------------------------------------------------------------------
 
@@ -302,7 +302,7 @@ class IsoBody:
             # What an attempt under way may change is told when it has ended.
             problem = f"{self._link.name}: {self._link.problem}"
         self._reported = replace(
-            self._reported, connected=False, number=None, heard=False, problem=problem
+            self._reported, connected=False, number=None, has_report=False, problem=problem
         )
         if was_connected:
             self._conversation.on_lost()
@@ -347,7 +347,7 @@ class IsoBody:
                 self.statistics.take(message, reading.stamp_ns, arrived_ns)
             speed = self._reported.speed_mps if message.speed_mps is None else message.speed_mps
             self._reported = replace(
-                self._reported, heard=True, number=message.state, speed_mps=speed
+                self._reported, has_report=True, number=message.state, speed_mps=speed
             )
         elif isinstance(message, Dres):
             self._gate.firmware = message.firmware

@@ -49,14 +49,14 @@ class Buffers(threading.local):
     """Working memory of the last frame size, kept per thread: allocating it is slow."""
 
     def __init__(self) -> None:
-        self._kept: Samples | None = None
+        self._samples: Samples | None = None
 
     def cleared(self, height: int, width: int, room: int) -> Samples:
         """Return empty memory for a frame of a size, with room for so many triangles."""
-        kept = self._kept
-        if kept is None or kept.cover.shape != (SAMPLES * height, SAMPLES * width):
+        samples = self._samples
+        if samples is None or samples.cover.shape != (SAMPLES * height, SAMPLES * width):
             rows, columns = SAMPLES * height, SAMPLES * width
-            kept = Samples(
+            samples = Samples(
                 inverse_depth=np.empty((rows, columns), np.float32),
                 owner=np.empty((rows, columns), np.int32),
                 planes=np.empty((0, PLANE_NUMBERS)),
@@ -70,25 +70,25 @@ class Buffers(threading.local):
                 ray=np.empty(3),
                 single=np.empty(3, np.float32),
             )
-        if len(kept.planes) < room:
-            kept = kept._replace(planes=np.empty((2 * room, PLANE_NUMBERS)))
-        self._kept = kept
-        kept.inverse_depth.fill(0.0)
-        kept.cover.fill(0)
-        return kept
+        if len(samples.planes) < room:
+            samples = samples._replace(planes=np.empty((2 * room, PLANE_NUMBERS)))
+        self._samples = samples
+        samples.inverse_depth.fill(0.0)
+        samples.cover.fill(0)
+        return samples
 
 
 @inlined
-def _count_drawn(inverse_depth: Array, v: int, drawn: Array, hidden: Array) -> int:
+def _count_drawn(inverse_depth: Array, v: int, counts: Array, hidden: Array) -> int:
     """Count drawn samples per pixel of a row, note where all are, and return the row's sum."""
     total = 0
     j = np.uint64(SAMPLES * v)
-    for u in range(np.uint64(drawn.shape[0])):
+    for u in range(np.uint64(counts.shape[0])):
         count = 0
         for i in range(np.uint64(SAMPLES)):
             count += inverse_depth[j, u + u + i] > 0.0
             count += inverse_depth[j + np.uint64(1), u + u + i] > 0.0
-        drawn[u] = count
+        counts[u] = count
         hidden[u] = count == SAMPLES * SAMPLES
         total += count
     return total
@@ -128,22 +128,22 @@ def _one_owner(owner: Array, j: np.uint64, u: int, number: int) -> bool:
 def _draw_bodies(samples: Samples, lens: Array, style: Style, noise: Array, v: int) -> None:
     """Put what was drawn over one image row; each triangle of a pixel is coloured once."""
     inverse_depth, owner, planes = samples.inverse_depth, samples.owner, samples.planes
-    drawn, single, row = samples.drawn, samples.single, samples.row
+    counts, single, row = samples.drawn, samples.single, samples.row
     every = SAMPLES * SAMPLES
     middle = 0.5 * (SAMPLES - 1)
     step = SAMPLES / lens[0]
     j0 = SAMPLES * v
-    width = drawn.shape[0]
+    width = counts.shape[0]
     u = 0
     while u < width:
-        if drawn[u] == 0:
+        if counts[u] == 0:
             u += 1
             continue
         number = owner[j0, SAMPLES * u]
-        if drawn[u] == every and _one_owner(owner, np.uint64(j0), u, number):
+        if counts[u] == every and _one_owner(owner, np.uint64(j0), u, number):
             end = u + 1
             while end < width and (
-                drawn[end] == every and _one_owner(owner, np.uint64(j0), end, number)
+                counts[end] == every and _one_owner(owner, np.uint64(j0), end, number)
             ):
                 end += 1
             rx = (SAMPLES * u + middle - lens[2]) / lens[0]
@@ -151,7 +151,7 @@ def _draw_bodies(samples: Samples, lens: Array, style: Style, noise: Array, v: i
             shade_run(Run(planes, number, rx, ry, step), style, noise, row[3 * u : 3 * end])
             u = end
             continue
-        behind = float(every - drawn[u])
+        behind = float(every - counts[u])
         for k in range(3):
             row[3 * u + k] *= behind
         for s in range(every):

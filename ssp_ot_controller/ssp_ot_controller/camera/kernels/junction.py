@@ -144,8 +144,8 @@ class _Canvas:
 
     def local(self, places: FloatArray) -> FloatArray:
         """Return places of frame map in the road's frame, without those that have none there."""
-        found = self.line.to_local_many(places)
-        return found[np.isfinite(found).all(axis=1)]
+        local_places = self.line.to_local_many(places)
+        return local_places[np.isfinite(local_places).all(axis=1)]
 
     def strip(
         self, mask: Array, line: ReferenceLine, along: tuple[float, float], across: Sequence[float]

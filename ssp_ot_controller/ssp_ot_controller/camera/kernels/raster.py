@@ -182,14 +182,14 @@ def _draw_span(
 
     Plain enough for the compiler to do several samples at once.
     """
-    taken = np.int32(0)
+    sample_count = np.int32(0)
     for i in range(depths.shape[0]):
         inverse = base + slope * ramp[i]
         if inverse > depths[i]:
             depths[i] = inverse
             owners[i] = number
-            taken += np.int32(1)
-    return int(taken)
+            sample_count += np.int32(1)
+    return int(sample_count)
 
 
 @inlined
@@ -254,7 +254,7 @@ def rasterise(
             per_column = (edge[0, 0] + edge[1, 0] + edge[2, 0]) / volume
             per_row = (edge[0, 1] + edge[1, 1] + edge[2, 1]) / volume
             corner = (edge[0, 2] + edge[1, 2] + edge[2, 2]) / volume
-            taken = 0
+            sample_count = 0
             for row in range(top, bottom + 1):
                 low = max(max(a * row + a_low, c * row + c_low), e * row + e_low)
                 high = min(min(b * row + b_high, d * row + d_high), f * row + f_high)
@@ -262,7 +262,7 @@ def rasterise(
                 if last < first:
                     continue
                 base = corner + per_row * row + per_column * first
-                taken += _draw_span(
+                sample_count += _draw_span(
                     np.float32(base),
                     np.float32(per_column),
                     np.int32(count),
@@ -270,7 +270,7 @@ def rasterise(
                     inverse_depth[row, first : last + 1],
                     owner[row, first : last + 1],
                 )
-            if taken > 0:
+            if sample_count > 0:
                 _write_planes(scratch, volume, mesh, n, fog_per_m, samples.planes[count])
                 count += 1
     return count

@@ -82,8 +82,8 @@ def _fill_panorama(
         for column in range(columns):
             c, s = cosines[column], sines[column]
             index = int((column + 0.5) * turn)
-            shown, lit, cloud, glow = slope < outline[index], 0.0, 0.0, 0.0
-            if shown:
+            is_outline, lit, cloud, glow = slope < outline[index], 0.0, 0.0, 0.0
+            if is_outline:
                 if light.windows_lit:
                     number = (index // 3 * 73856093) ^ (int(slope / 0.0045) * 83492791)
                     lit = 0.4 if (number >> 4) & 15 < 3 else 0.0
@@ -100,7 +100,7 @@ def _fill_panorama(
                     cloud = thickness * min(1.0, max(0.0, cloud))
             packed = np.uint64(0)
             for k in range(3):
-                if shown:
+                if is_outline:
                     value = light.outline[k]
                     value += lit * (light.lamp[k] - value)
                 else:

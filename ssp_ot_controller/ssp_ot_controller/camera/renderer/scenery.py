@@ -171,12 +171,12 @@ class _Roadside:
         if beyond_m < _FAR_FROM_CROSSING_M and away_m < reach_m:
             return []
         pose = self._pose(mesh, side, x_m, side.edge_m + side.sign * beyond_m, yaw_rad)
-        if pose is None or self._is_taken(pose, low, high):
+        if pose is None or self._is_occupied(pose, low, high):
             return []
         reach = float(np.abs(mesh.corners[..., :2]).max())
         return [Prop(mesh.placed(pose), pose.x_m, pose.y_m, 1.5 * reach, shadow)]
 
-    def _is_taken(self, pose: Pose2, low: Array, high: Array) -> bool:
+    def _is_occupied(self, pose: Pose2, low: Array, high: Array) -> bool:
         """Tell whether an item of the map, or a junction, is where a mesh of these extents is."""
         half_x, half_y = ((high - low) / 2).tolist()[:2]
         x, y = pose.to_parent(*((low + high) / 2).tolist()[:2])

@@ -30,7 +30,7 @@ class RowRun:
         row: of ``runs.csv``.
         run: as it was driven.
         task: folder of its event's task.
-        kept: answers that a model repeats; None: it is asked anew, or the driver is a baseline.
+        model_answers: that it repeats; None: it is asked anew, or the driver is a baseline.
         asks_anew: a model whose answers aren't kept, since the harness failed in its run.
         before: what the row says of it; None: the harness failed in it.
     """
@@ -39,7 +39,7 @@ class RowRun:
     row: Row
     run: RunSpec
     task: Path
-    kept: KeptAnswers | None
+    model_answers: KeptAnswers | None
     asks_anew: bool
     before: Before | None
 

@@ -31,7 +31,7 @@ def bag_rows(plan: LoopPlan, rows: Sequence[Row], which: Bags) -> Iterator[int]:
         rows: of ``runs.csv``.
         which: as for ``has_bag``.
     """
-    kind_of = {one.shown: one for one in plan.everybody}
+    kind_of = {one.display_name: one for one in plan.everybody}
     first: dict[str, str] = {}
     for number, row in enumerate(rows, 1):
         one = read_row(row)
@@ -75,9 +75,9 @@ def _record(folder: Path, number: int) -> str:
     again = run_of_row(folder, number)
     place = bag_folder(folder, number)
     run = for_one_process(again.run, camera=True)
-    drive = driven_again(run, again.start, repeated(again.kept), KeptSession())
+    drive = driven_again(run, again.start, repeated(again.model_answers), KeptSession())
     needless = dict(zip(RUN_COLUMNS, again.row, strict=True))["needless"]
     why = leave_bag(
-        place, again.task, drive, again.kept, again.start.v_r_mps, needless, again.before
+        place, again.task, drive, again.model_answers, again.start.v_r_mps, needless, again.before
     )
     return f"{place}: {why}" if why else ""

@@ -26,7 +26,7 @@ from ssp_scenario_manager.closed_loop.campaigns.seal import (
     software,
 )
 from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
-from ssp_scenario_manager.closed_loop.outcomes.rates import Rates, rates_of, refused_for, rising
+from ssp_scenario_manager.closed_loop.outcomes.rates import Rates, rates_of, refusal_reasons, rising
 from ssp_scenario_manager.closed_loop.outcomes.tables import (
     RATE_COLUMNS,
     RUN_COLUMNS,
@@ -106,7 +106,7 @@ def _run(
     # A job that was cut off is run again as a whole.
     rows = rows[: len(rows) // per_job * per_job]
     _check_rows(path, rows, todo, per_job)
-    campaign_files = _Kept(folder, lines_of([RUN_COLUMNS, *rows]))
+    campaign_files = _CampaignFiles(folder, lines_of([RUN_COLUMNS, *rows]))
     total = len(todo) * per_job
     on_rows(len(rows), total)
     with (
@@ -127,17 +127,17 @@ def _run(
     if plan.is_measured:
         complete_cards(folder, rows)
     rates = rates_of([read_row(row) for row in rows])
-    knowing = {one.shown for one in plan.everybody if one.is_privileged}
+    knowing = {one.display_name for one in plan.everybody if one.is_privileged}
     table = [rates_row(one, one.driver in knowing, numbers[one.driver]) for one in rates]
     write_text(folder / TABLE_FILE, lines_of([RATE_COLUMNS, *table]))
-    for text in rising(rates, [one.shown for one in plan.everybody]):
+    for text in rising(rates, [one.display_name for one in plan.everybody]):
         say(f"gets better with latency: {text}")
     for text in off_the_twin(dict(zip(RUN_COLUMNS, row, strict=True)) for row in rows):
         say(f"isn't as no_response: {text}")
-    return rates, refused_for(rates, ZERO)
+    return rates, refusal_reasons(rates, ZERO)
 
 
-class _Kept:
+class _CampaignFiles:
     """Files of a campaign that its own command alone may change while it runs.
 
     A driver of it could, too, where it runs as the same user. Each check compares what the system

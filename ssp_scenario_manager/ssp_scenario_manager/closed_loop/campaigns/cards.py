@@ -105,7 +105,7 @@ def _card(
     perception = _perception(driver, starts[0])
     has_route = perception.pop("sees_route")
     card = {
-        "driver": driver.shown,
+        "driver": driver.display_name,
         "kind": driver.driver,
         "options": asdict(CAREFUL_DRIVER) if is_prescribed else driver.options,
         "privileged": driver.is_privileged,

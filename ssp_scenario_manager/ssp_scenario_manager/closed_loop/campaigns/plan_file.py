@@ -49,7 +49,7 @@ class CampaignDriver(Strict):
     label: DriverName | None = Field(None, description="its name in tables; null: the driver's")
 
     @property
-    def shown(self) -> str:
+    def display_name(self) -> str:
         """Name in tables."""
         return self.label or self.driver
 
@@ -166,16 +166,16 @@ def load_plan(path: str | Path, further: Sequence[CampaignDriver] = ()) -> LoopP
             options = driver_options(one.driver, one.options, models)
         drivers.append(one.model_copy(update={"options": options}))
     plan = plan.model_copy(update={"drivers": drivers})
-    names = [one.shown for one in plan.everybody]
+    names = [one.display_name for one in plan.everybody]
     for i, one in enumerate(plan.drivers):
-        if names.count(one.shown) == 1:
+        if names.count(one.display_name) == 1:
             continue
         is_listed = i < listed_count
         raise InputError(
             "stands twice, or is the name of a baseline",
             file=path if is_listed else None,
             field=f"drivers[{i}]" if is_listed else "--drive",
-            value=one.shown,
+            value=one.display_name,
             remedy="give it a label of its own"
             if is_listed
             else 'give it another name, such as mine={"backend": …}',

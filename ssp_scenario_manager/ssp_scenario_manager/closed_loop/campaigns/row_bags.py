@@ -16,7 +16,7 @@ from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_scenario_manager.closed_loop.answers import ANSWERS_FILE, KeptAnswers, save_answers
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import ZERO, CampaignDriver
 from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL
-from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS, Drove, told_of
+from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS, DriverRun, driven_summary
 from ssp_scenario_manager.closed_loop.outcomes.rates import RunRow
 from ssp_scenario_manager.closed_loop.single_run.before import Before
 from ssp_scenario_manager.closed_loop.single_run.top_view import leave_view
@@ -62,7 +62,7 @@ def bag_folder(folder: Path, number: int) -> Path:
 def leave_bag(
     place: Path,
     task: Path,
-    drive: Drove,
+    drive: DriverRun,
     answers: KeptAnswers | None,
     v_r_mps: float | None,
     needless: str,
@@ -86,7 +86,7 @@ def leave_bag(
         InputError: a file of the task can't be taken.
         HostError: the disk doesn't take it.
     """
-    if drive.said is None:
+    if drive.session is None:
         raise ValueError("nothing was kept of the session")
     shutil.rmtree(place, ignore_errors=True)
     copy_task(task, make_folder(place))
@@ -95,10 +95,12 @@ def leave_bag(
     spec = for_one_process(drive.run.model_copy(update={"run_id": place.name}), camera=True)
     run_file = place / "run.yaml"
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
-    summary = told_of(drive.driven, drive.record, drive.outcome, v_r_mps) | {"needless": needless}
-    summary, why = (summary, "") if before is None else before.judged(summary)
+    summary = driven_summary(drive.driven, drive.record, drive.outcome, v_r_mps) | {
+        "needless": needless
+    }
+    summary, why = (summary, "") if before is None else before.judge(summary)
     result = drive.result.failed_for(why) if why else drive.result
-    recorded = leave_recording(spec, run_file, place / "bag", drive.said, result)
+    recorded = leave_recording(spec, run_file, place / "bag", drive.session, result)
     leave_view(place, spec, drive.record, summary, drive.outcome.contact)
     own = {"compiled_core": core_in_use(), "driven": summary}
     write_json(place / RESULT_FILE, result_json(spec, result) | recorded | own)

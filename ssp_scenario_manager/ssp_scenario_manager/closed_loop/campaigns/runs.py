@@ -39,7 +39,7 @@ from ssp_scenario_manager.closed_loop.outcomes.needless import needless_of
 from ssp_scenario_manager.closed_loop.outcomes.outcome import (
     CHAIN,
     HARNESS,
-    Drove,
+    DriverRun,
     Outcome,
     chain_of,
     measured_of,
@@ -47,7 +47,7 @@ from ssp_scenario_manager.closed_loop.outcomes.outcome import (
     severity_of,
 )
 from ssp_scenario_manager.closed_loop.outcomes.severity import Severity, severity_facts
-from ssp_scenario_manager.closed_loop.outcomes.tables import Row, one_line, read_row, shown
+from ssp_scenario_manager.closed_loop.outcomes.tables import Row, number_cell, one_line, read_row
 from ssp_scenario_manager.closed_loop.outcomes.texts import KeptAnswer, texts_of
 from ssp_scenario_manager.closed_loop.starts.start import Start, from_facts
 from ssp_scenario_manager.compile.task import TASK_FOLDER
@@ -148,15 +148,15 @@ def jobs_of(
 
 
 @dataclass(frozen=True, slots=True)
-class _Found:
+class _RunFindings:
     """The findings on one run, as its row has them.
 
     Args:
         answers: with texts.
         took: what is known of a measured latency; None: it was given.
         states: hash of the true states; empty: it was driven in no session.
-        drove: in the event; None: there was no sound drive, or it was a prescribed motion.
-        kept: a model's answers, with which it is driven again.
+        drive: in the event; None: there was no sound drive, or it was a prescribed motion.
+        model_answers: a model's answers, with which it is driven again.
     """
 
     outcome: Outcome
@@ -166,8 +166,8 @@ class _Found:
     answers: tuple[KeptAnswer, ...] = ()
     took: Mapping[str, Any] | None = None
     states: str = ""
-    drove: Drove | None = None
-    kept: KeptAnswers | None = None
+    drive: DriverRun | None = None
+    model_answers: KeptAnswers | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +184,7 @@ def rows_of(job: Job) -> JobRows:
     identity = identity_of(job)
     rows: list[Row] = []
     answers: list[tuple[KeptAnswer, ...]] = []
-    findings: _Found | None = None
+    findings: _RunFindings | None = None
     for latency in job.latencies:
         for repeat in range(job.repeats):
             if job.driver.driver == CAREFUL:
@@ -204,10 +204,15 @@ def rows_of(job: Job) -> JobRows:
 
 
 def _leave_bag(
-    job: Job, start: Start, latency: Latency, repeat: int, findings: _Found, rows: Sequence[Row]
+    job: Job,
+    start: Start,
+    latency: Latency,
+    repeat: int,
+    findings: _RunFindings,
+    rows: Sequence[Row],
 ) -> None:
     """Leave the bag of the last row, if it has one; what the disk doesn't take has none."""
-    recording, drive = job.recording, findings.drove
+    recording, drive = job.recording, findings.drive
     if recording is None or drive is None:
         return
     one = read_row(rows[-1])
@@ -218,28 +223,28 @@ def _leave_bag(
     drive = replace(drive, run=run, driven=run.driven or drive.driven)
     place = bag_folder(recording.folder, job.first_row + len(rows) - 1)
     try:
-        leave_bag(place, recording.task, drive, findings.kept, start.v_r_mps, one.needless)
+        leave_bag(place, recording.task, drive, findings.model_answers, start.v_r_mps, one.needless)
     except HostError:
         # Its row is worth more. Whoever records what has no bag meets the same disk, and says so.
         shutil.rmtree(place, ignore_errors=True)
 
 
-def _cells(start: Start, findings: _Found) -> Row:
+def _cells(start: Start, findings: _RunFindings) -> Row:
     outcome, severity = findings.outcome, findings.severity
     v_i_mps = None if outcome.contact is None else outcome.contact.relative_mps
     return [
-        *(outcome.kind, shown(outcome.at_s), one_line(outcome.why)),
-        *map(shown, (v_i_mps, start.v_r_mps, severity_of(outcome, start.v_r_mps))),
-        *map(shown, findings.chain.values()),
-        shown(outcome.unled_s),
+        *(outcome.kind, number_cell(outcome.at_s), one_line(outcome.why)),
+        *map(number_cell, (v_i_mps, start.v_r_mps, severity_of(outcome, start.v_r_mps))),
+        *map(number_cell, findings.chain.values()),
+        number_cell(outcome.unled_s),
         str(outcome.starved).lower(),
         one_line(findings.needless),
         *(
-            shown(None if findings.took is None else findings.took[key])
+            number_cell(None if findings.took is None else findings.took[key])
             for key in ("p50_s", "p99_s")
         ),
         findings.states,
-        *map(shown, astuple(severity)),
+        *map(number_cell, astuple(severity)),
     ]
 
 
@@ -255,8 +260,8 @@ def order_of(name: str) -> tuple[bool, bool]:
 
 def _both(
     job: Job, start: Start, built_in: Record, latency: Latency, repeat: int, row: int
-) -> _Found:
-    order = order_of(f"{job.seed} {start.hash} {job.driver.shown} {latency} {repeat}")
+) -> _RunFindings:
+    order = order_of(f"{job.seed} {start.hash} {job.driver.display_name} {latency} {repeat}")
     keeps = job.folder is not None and job.driver.is_model
     path = row_file(job.folder, row) if job.folder is not None and keeps else None
     row_answers = failed = None
@@ -284,7 +289,7 @@ def _both(
         question = Question.of(driven.driven)
         row_answers = KeptAnswers(question, driven.answers, free.answers)
         save_answers(path, row_answers)
-    return _Found(
+    return _RunFindings(
         driven.outcome,
         chain_of(driven.driven, driven.record, driven.outcome),
         severity_facts(
@@ -304,15 +309,15 @@ def _both(
     )
 
 
-def _lost(failure: Failure) -> _Found:
+def _lost(failure: Failure) -> _RunFindings:
     """Return the result of a row in which every try ended in a harness failure: no measure."""
     outcome = Outcome(HARNESS, failure.at_s, failure.why, None, None, 0.0, starved=False)
     severity = Severity(None, None, None, None, None, None)
-    return _Found(outcome, dict.fromkeys(CHAIN), severity, "")
+    return _RunFindings(outcome, dict.fromkeys(CHAIN), severity, "")
 
 
 @lru_cache(maxsize=2)
-def _careful(text: str) -> _Found:
+def _careful(text: str) -> _RunFindings:
     """Return the careful driver's run, which has no latency, on the objects of the oracle's."""
     start, _ = _start(text)
     oracle = drive_start(start, CampaignDriver(driver="oracle"), ZERO_LATENCY)
@@ -320,7 +325,7 @@ def _careful(text: str) -> _Found:
     severity = severity_facts(
         oracle.run, oracle.driven, reports, None, outcome.contact, outcome.at_s
     )
-    return _Found(outcome, chain_of(oracle.driven, Record(reports), outcome), severity, "")
+    return _RunFindings(outcome, chain_of(oracle.driven, Record(reports), outcome), severity, "")
 
 
 def identity_of(job: Job) -> list[Row]:
@@ -328,7 +333,7 @@ def identity_of(job: Job) -> list[Row]:
     facts = json.loads(job.start)
     of_start = [str(facts[name]) for name in ("event", "seed", "hash", "kind")]
     return [
-        [*of_start, job.driver.shown, str(latency), str(repeat)]
+        [*of_start, job.driver.display_name, str(latency), str(repeat)]
         for latency, repeat in product(job.latencies, range(job.repeats))
     ]
 
@@ -346,7 +351,7 @@ def _run(
     *,
     event: bool,
     row_answers: KeptAnswers | None,
-) -> Drove | Failure:
+) -> DriverRun | Failure:
     """Drive once, and repeat after a harness failure while tries are left (METHOD 8.7).
 
     Args:
@@ -386,7 +391,7 @@ def drive_start(
     repeat: int = 0,
     answers: Answers = None,
     session: KeptSession | None = None,
-) -> Drove:
+) -> DriverRun:
     """Drive one driver on a start once.
 
     Args:
@@ -404,7 +409,7 @@ def drive_start(
 
 def driven_again(
     run: RunSpec, start: Start, answers: Answers, session: KeptSession | None
-) -> Drove:
+) -> DriverRun:
     """Drive the run of a driver on a start.
 
     Args:
@@ -417,7 +422,7 @@ def driven_again(
         raise ValueError("a driven run has a driver")
     result, record = run_in_process(run, listener=session, answers=answers)
     outcome = outcome_of(run, run.driven, result, record, start.twin)
-    return Drove(run, run.driven, result, record, outcome, session)
+    return DriverRun(run, run.driven, result, record, outcome, session)
 
 
 @lru_cache(maxsize=2)

@@ -254,7 +254,7 @@ def _starts_of(
     run = load_task(draft / TASK_FOLDER).run
     event_file = str((draft / TASK_FOLDER / EVENT_FILE).resolve())
     room_s = plan.room_s, plan.history_s
-    judge = partial(_drawn, run.model_dump_json(by_alias=True), event_file, room_s)
+    judge = partial(_draw_facts, run.model_dump_json(by_alias=True), event_file, room_s)
     starts_by_kind: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
     counts = dict.fromkeys(_DRAWN, 0)
     most = {"critical": plan.starts, "harmless": plan.others, "unavoidable": plan.others}
@@ -290,7 +290,7 @@ def _tell(draw: Draw, say: Callable[[str], None]) -> None:
         say(f"{draw.event} is driven without {parts}, which no driven session has")
 
 
-def _drawn(
+def _draw_facts(
     run_json: str, event_file: str, room_s: tuple[float, float], seed: int
 ) -> tuple[str, dict[str, Any]]:
     """Return the kind of a seed's start (METHOD 8.1) and its facts; of none, the reason.

@@ -78,13 +78,14 @@ def evaded(run: RunSpec, driven: Driven, record: Record, twin: Twin) -> str:
     ):
         return words
     would_touch = [
-        first_contact(_gone_on(run, driven, record, twin, begin, its), run.vut.id) is not None
+        first_contact(_continued_drive(run, driven, record, twin, begin, its), run.vut.id)
+        is not None
         for begin in (its, own)
     ]
     return f"{words}: going on so it has no contact" if would_touch == [True, False] else ""
 
 
-def _gone_on(
+def _continued_drive(
     run: RunSpec, driven: Driven, record: Record, twin: Twin, begin: _Along, twin_along: _Along
 ) -> Iterator[StepReport]:
     """Yield the steps behind T_obs with a VUT that goes on from a state there as its twin does.

@@ -12,7 +12,7 @@ from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import DriveMode
 from ssp_scenario_manager.closed_loop.contact import Contact, first_contact, until, with_vut
-from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove, Outcome
+from ssp_scenario_manager.closed_loop.outcomes.outcome import DriverRun, Outcome
 from ssp_scenario_manager.closed_loop.starts.start import path_of
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.run.in_process import Record
@@ -21,7 +21,9 @@ from ssp_scenario_manager.run.in_process import Record
 _ENDS = frozenset({"harness", "died", "left_road", "fence"})
 
 
-def needless_of(event: Drove, free: Drove, built_in: Record, contact: Contact | None) -> str:
+def needless_of(
+    event: DriverRun, free: DriverRun, built_in: Record, contact: Contact | None
+) -> str:
     """Say why a driver is needless in the event-free twin of a run; empty: it isn't.
 
     Args:
@@ -36,7 +38,7 @@ def needless_of(event: Drove, free: Drove, built_in: Record, contact: Contact | 
     return "driven as here, it has no contact in the event either" if _misses(event, free) else ""
 
 
-def _misses(event: Drove, free: Drove) -> bool:
+def _misses(event: DriverRun, free: DriverRun) -> bool:
     """Tell whether the VUT of an event-free run has no contact with the objects of the event.
 
     Objects move alike for all drivers, so the two may be laid over each other. A VUT that had a

@@ -71,11 +71,11 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Drove:
+class DriverRun:
     """One drive of a driver on a start.
 
     Args:
-        said: in its session; None: it wasn't kept.
+        session: what it recorded; None: it wasn't kept.
     """
 
     run: RunSpec
@@ -83,7 +83,7 @@ class Drove:
     result: InProcessResult
     record: Record
     outcome: Outcome
-    said: KeptSession | None = None
+    session: KeptSession | None = None
 
     @property
     def answers(self) -> tuple[RecordedAnswer, ...]:
@@ -394,7 +394,7 @@ def _mode_at(record: Record, at_s: float | None) -> DriveMode | None:
 def is_starved(driven: Driven, record: Record) -> bool:
     """Tell whether a plan ended before the next one could be effective: 2L and a frame period."""
     for report in record.reports:
-        answered = None if report.drive is None else report.drive.answered
+        answered = None if report.drive is None else report.drive.effective_answer
         if answered is None or answered.refused or answered.answer.trajectory is None:
             continue
         needed_s = 2.0 * answered.latency_s + driven.frame_period_s
@@ -419,7 +419,7 @@ def chain_of(driven: Driven, record: Record, outcome: Outcome) -> dict[str, floa
         drive, at_s = report.drive, ns_to_seconds(report.now_ns)
         if drive is None or driven.observable_s is None:
             continue
-        question, answered = drive.asked, drive.answered
+        question, answered = drive.question, drive.effective_answer
         if not number and question is not None and at_s >= driven.observable_s - EPSILON_S:
             number, chain["asked_s"] = question.number, at_s
             periods = math.ceil(driven.observable_s / driven.frame_period_s - 1e-6)
@@ -446,7 +446,7 @@ def measured_of(driven: Driven, record: Record) -> dict[str, Any] | None:
     if not driven.latency.measured:
         return None
     drives = [report.drive for report in record.reports if report.drive is not None]
-    answers = [drive.given for drive in drives if drive.given is not None]
+    answers = [drive.answer for drive in drives if drive.answer is not None]
     return figures_of(answers, driven.latency.seconds)
 
 
@@ -476,12 +476,12 @@ def figures_of(answers: Sequence[GivenAnswer], bound_s: float) -> dict[str, Any]
     }
 
 
-def told_of(
+def driven_summary(
     driven: Driven, record: Record, outcome: Outcome, v_r_mps: float | None
 ) -> dict[str, Any]:
     """Return what ``result.json`` says of a driven run."""
     drives = [report.drive for report in record.reports if report.drive is not None]
-    answered = [drive.answered for drive in drives if drive.answered is not None]
+    answered = [drive.effective_answer for drive in drives if drive.effective_answer is not None]
     refused = [one for one in answered if one.refused]
     return {
         "driver": driven.driver,
@@ -503,7 +503,7 @@ def told_of(
         "states_sha256": record.sha256,
         "unled_s": rounded(outcome.unled_s),
         "starved": outcome.starved,
-        "questions": sum(drive.asked is not None for drive in drives),
+        "questions": sum(drive.question is not None for drive in drives),
         "answers": len(answered),
         "refused": [
             {"stamp_s": ns_to_seconds(one.stamp_ns), "why": one.refused} for one in refused[:20]

@@ -150,7 +150,7 @@ def _spread(starts: Sequence[Sequence[bool]]) -> tuple[float | None, float | Non
     return within, between
 
 
-def refused_for(rates: Sequence[Rates], zero: Sequence[str]) -> list[str]:
+def refusal_reasons(rates: Sequence[Rates], zero: Sequence[str]) -> list[str]:
     """List why a campaign is refused: drivers whose headline must be 0, and isn't (METHOD 8.10)."""
     return [
         f"{one.driver} has a headline of {one.headline:.2f} on {one.event} at "
@@ -180,6 +180,6 @@ def rising(rates: Sequence[Rates], drivers: Sequence[str]) -> list[str]:
             if slower.headline > faster.headline:
                 rises.append(
                     f"{driver} on {event}: {faster.headline:.2f} at {faster.latency.words}, "
-                    f"{slower.headline:.2f} at {slower.latency.shown} s"
+                    f"{slower.headline:.2f} at {slower.latency.cell_text} s"
                 )
     return rises

@@ -65,7 +65,7 @@ def lines_of(rows: Sequence[Row]) -> str:
     return stream.getvalue()
 
 
-def shown(value: float | None) -> str:
+def number_cell(value: float | None) -> str:
     """Return a number as a cell, empty where there is none."""
     number = rounded(value)
     return "" if number is None else str(number)
@@ -75,7 +75,7 @@ def cell(value: str | float | bool | None) -> str:
     """Return a value of ``result.json`` as a cell."""
     if isinstance(value, bool):
         return str(value).lower()
-    return one_line(value) if isinstance(value, str) else shown(value)
+    return one_line(value) if isinstance(value, str) else number_cell(value)
 
 
 def read_row(row: Row) -> RunRow:
@@ -159,7 +159,7 @@ def rates_row(one: Rates, is_privileged: bool, group: int) -> Row:
         str(one.latency),
         str(one.planned),
         str(one.driven),
-        *map(shown, (one.headline, one.low, one.high, one.worst)),
-        *map(shown, (one.within_sd, one.between_sd)),
+        *map(number_cell, (one.headline, one.low, one.high, one.worst)),
+        *map(number_cell, (one.within_sd, one.between_sd)),
         *map(str, (*one.outcomes, one.needless, one.starved)),
     ]

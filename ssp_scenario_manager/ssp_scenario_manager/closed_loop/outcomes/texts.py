@@ -43,7 +43,7 @@ def texts_of(
     for report in until(reports, driven.first_request_s, min(decided_s, driven.end_s)):
         if report.drive is None:
             continue
-        answered, plan = report.drive.answered, report.drive.effective
+        answered, plan = report.drive.effective_answer, report.drive.effective
         if answered is not None and answered.answer.text.strip():
             texts[f"plan-{answered.number}"] = answered.answer.text
         if plan is None or plan.reference_id not in texts:

@@ -50,7 +50,7 @@ class Before:
         ]
         return f"it isn't the run of {self.place}: {'; '.join(parts)}" if parts else ""
 
-    def judged(self, summary: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    def judge(self, summary: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
         """Return what ``result.json`` says of a run that must be the same, and why it isn't.
 
         Args:

@@ -25,14 +25,14 @@ from ssp_core.world.driver_answers import NODE_ANSWERS_FILE, given_answers
 from ssp_core.world.plant import StepReport
 from ssp_scenario_manager.closed_loop.answers import KeptAnswers, Question
 from ssp_scenario_manager.closed_loop.single_run.before import Before, failed_for
-from ssp_scenario_manager.closed_loop.single_run.single import is_kept, told_of_run
+from ssp_scenario_manager.closed_loop.single_run.single import driven_run_summary, repeats_answers
 from ssp_scenario_manager.closed_loop.single_run.top_view import leave_view
 from ssp_scenario_manager.closed_loop.starts.start import without_operator
 from ssp_scenario_manager.run.in_process import Record, run_in_process
 from ssp_scenario_manager.run.sweep import for_one_process
 
 
-def told_of_session(
+def session_summary(
     before: Before | None, model_answers: KeptAnswers | None, spec: RunSpec, bag: Path
 ) -> tuple[dict[str, Any], str]:
     """Return what ``result.json`` says of who drove, and why the verdict can't stand.
@@ -48,7 +48,7 @@ def told_of_session(
     """
     if spec.driven is None:
         return {}, ""
-    sees = is_kept(spec.driven)
+    sees = repeats_answers(spec.driven)
     run = without_operator(for_one_process(spec, camera=sees))
     answers = given_answers(bag.parent / NODE_ANSWERS_FILE) if sees else None
     result, record = run_in_process(run, answers=answers)
@@ -62,7 +62,7 @@ def told_of_session(
         if model_answers is None and answers is not None:
             # Who aborts a session waits for no model: it isn't asked in the event-free twin.
             model_answers = KeptAnswers(Question.of(spec.driven), answers, ())
-    summary, contact = told_of_run(
+    summary, contact = driven_run_summary(
         run, result, record, folder=bag.parent, model_answers=model_answers
     )
     if model_answers is not None and not model_answers.free:
@@ -74,7 +74,7 @@ def told_of_session(
         summary["driven"] |= failed_for(why)
     elif abort is None:
         if before is not None:
-            summary["driven"], why = before.judged(summary["driven"])
+            summary["driven"], why = before.judge(summary["driven"])
         leave_view(bag.parent, run, record, summary["driven"], contact)
     return summary, why
 
@@ -88,14 +88,14 @@ class _Abort:
 
 
 @dataclass(frozen=True, slots=True)
-class _Heard:
+class _SessionRecord:
     """The true states of a session by step, and the operator's abort; None: there was none."""
 
     truths: dict[int, tuple[ObjectState, ...]]
     abort: _Abort | None
 
 
-def _session_of(bag: Path) -> _Heard | str:
+def _session_of(bag: Path) -> _SessionRecord | str:
     """Read a session's bag; or say why it can't be read."""
     try:
         with BagReader(bag) as reader:
@@ -109,7 +109,7 @@ def _session_of(bag: Path) -> _Heard | str:
             ]
     except (SspError, ValueError) as error:
         return f"the bag can't be read: {error}"
-    return _Heard({tick.step: tick.objects for tick in ticks}, _abort_of(states))
+    return _SessionRecord({tick.step: tick.objects for tick in ticks}, _abort_of(states))
 
 
 def _abort_of(states: Sequence[Any]) -> _Abort | None:
@@ -127,13 +127,13 @@ def _difference(
     """Say where a session's true states depart from those of one process; empty: nowhere."""
     # The last step of the one is not always one of the other: each sees the end in its own way.
     for report in reports[:-1]:
-        if truths_by_step.get(report.step) != _as_heard(report):
+        if truths_by_step.get(report.step) != _transmitted_truths(report):
             at_s = ns_to_seconds(report.now_ns)
             return f"at {at_s:.2f} s the session's states aren't those of one process"
     return ""
 
 
-def _as_heard(report: StepReport) -> tuple[ObjectState, ...]:
+def _transmitted_truths(report: StepReport) -> tuple[ObjectState, ...]:
     """Return the true states of a step as its tick carries them."""
     tick = WorldTick(report.now_ns, report.step, report.running, True, 0, 0, report.truths)
     return decode_tick(encode_tick(tick)).objects

@@ -30,7 +30,7 @@ from ssp_scenario_manager.closed_loop.answers import (
 from ssp_scenario_manager.closed_loop.contact import Contact
 from ssp_scenario_manager.closed_loop.outcomes.evaded import Twin
 from ssp_scenario_manager.closed_loop.outcomes.needless import needless_of
-from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove, outcome_of, told_of
+from ssp_scenario_manager.closed_loop.outcomes.outcome import DriverRun, driven_summary, outcome_of
 from ssp_scenario_manager.closed_loop.starts.start import (
     NoStart,
     Start,
@@ -223,7 +223,7 @@ def _with_driver(run: RunSpec, drive: Drive, task_file: Path) -> RunSpec:
     return run.model_copy(update={"driven": driven.model_copy(update=changes), "camera": camera})
 
 
-def told_of_run(
+def driven_run_summary(
     run: RunSpec,
     result: InProcessResult,
     record: Record,
@@ -249,17 +249,17 @@ def told_of_run(
     twin, contact = twin_of(run)
     outcome = outcome_of(run, driven, result, record, twin)
     v_r_mps = None if contact is None else contact.relative_mps
-    summary = told_of(driven, record, outcome, v_r_mps)
+    summary = driven_summary(driven, record, outcome, v_r_mps)
     free, built_in = _without_event(run, driven, twin, repeated(model_answers, event=False))
-    event = Drove(run, driven, result, record, outcome)
+    event = DriverRun(run, driven, result, record, outcome)
     needless = needless_of(event, free, built_in, contact)
-    if folder is not None and is_kept(driven):
+    if folder is not None and repeats_answers(driven):
         answers = KeptAnswers(Question.of(driven), event.answers, free.answers)
         save_answers(folder / ANSWERS_FILE, answers)
     return {"driven": summary | {"needless": needless}}, outcome.contact
 
 
-def kept_answers(run: RunSpec, drive: Drive | None, folder: Path) -> KeptAnswers | None:
+def load_repeated_answers(run: RunSpec, drive: Drive | None, folder: Path) -> KeptAnswers | None:
     """Return the answers with which a run of a folder is driven again.
 
     Args:
@@ -273,20 +273,20 @@ def kept_answers(run: RunSpec, drive: Drive | None, folder: Path) -> KeptAnswers
     Raises:
         InputError: they aren't there any more, or are of another run.
     """
-    if drive is not None or run.driven is None or not is_kept(run.driven):
+    if drive is not None or run.driven is None or not repeats_answers(run.driven):
         return None
     remedy = "give --drive, and the model is asked again"
     return load_answers(folder / ANSWERS_FILE, remedy, run.driven)
 
 
-def is_kept(driven: Driven) -> bool:
+def repeats_answers(driven: Driven) -> bool:
     """Tell whether a driven run is driven again with the answers that it had."""
     return sees_frames(driven.driver)
 
 
 def _without_event(
     run: RunSpec, driven: Driven, twin: Twin, answers: Sequence[RecordedAnswer] | None
-) -> tuple[Drove, Record]:
+) -> tuple[DriverRun, Record]:
     """Drive the event-free twin of a run, under its driver and under the built-in one."""
     free = without_event(run, driven.end_s)
     own = driven.model_copy(update={"observable_s": None})
@@ -294,4 +294,4 @@ def _without_event(
     outcome = outcome_of(free, own, result, record, twin)
     led = own.model_copy(update=commanded(BUILT_IN))
     _, built_in = run_in_process(free.model_copy(update={"driven": led, "camera": None}))
-    return Drove(free, own, result, record, outcome), built_in
+    return DriverRun(free, own, result, record, outcome), built_in

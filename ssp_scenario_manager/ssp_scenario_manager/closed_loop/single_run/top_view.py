@@ -26,7 +26,7 @@ from ssp_core.world.road_drawing import RoadView, drawing_of
 from ssp_scenario_manager.closed_loop.answers import KeptAnswers
 from ssp_scenario_manager.closed_loop.contact import Contact, until
 from ssp_scenario_manager.closed_loop.single_run.before import Before
-from ssp_scenario_manager.closed_loop.single_run.single import told_of_run
+from ssp_scenario_manager.closed_loop.single_run.single import driven_run_summary
 from ssp_scenario_manager.closed_loop.starts.start import path_of
 from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER
 from ssp_scenario_manager.event_spec.load import load_event
@@ -69,7 +69,7 @@ class Mark:
     row: int
 
 
-def told_with_view(
+def summary_with_view(
     folder: Path,
     model_answers: KeptAnswers | None,
     before: Before | None,
@@ -89,10 +89,12 @@ def told_with_view(
         result: of the run.
         record: of the run.
     """
-    summary, contact = told_of_run(run, result, record, folder=folder, model_answers=model_answers)
+    summary, contact = driven_run_summary(
+        run, result, record, folder=folder, model_answers=model_answers
+    )
     if not summary:
         return {}, ""
-    driven, why = (summary["driven"], "") if before is None else before.judged(summary["driven"])
+    driven, why = (summary["driven"], "") if before is None else before.judge(summary["driven"])
     leave_view(folder, run, record, driven, contact)
     return summary | {"driven": driven}, why
 

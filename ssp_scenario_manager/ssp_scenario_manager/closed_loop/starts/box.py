@@ -43,7 +43,7 @@ _COMMON, _LENGTHS, _GAPS, _KERB, _LINE = 8, 9, 10, 12, 13
 _OWN = {"crossing_speed": 11}
 
 
-def drawn_run(
+def draw_run_values(
     run: RunSpec, event: Event, seed: int, tunings: Mapping[str, Tuning] = NO_TUNINGS
 ) -> tuple[RunSpec, dict[str, float]]:
     """Return the run with values drawn from K*'s box, and these by field of run file or K*.
@@ -122,7 +122,7 @@ def drawn_run(
 
 
 def gap_draw(run: RunSpec, event: Event, seed: int) -> GapDraw:
-    """Return the draw of the gaps at the start of a run that ``drawn_run`` gave.
+    """Return the draw of the gaps at the start of a run that ``draw_run_values`` gave.
 
     Args:
         run: with all else drawn.

@@ -69,7 +69,9 @@ class Places:
         """Return arc length and offset of a participant's start."""
         return self.line.to_local(target.start.x_m, target.start.y_m)
 
-    def moved(self, one: ParticipantSpec, along_m: float, left_m: float = 0.0) -> ParticipantSpec:
+    def with_moved_start(
+        self, one: ParticipantSpec, along_m: float, left_m: float = 0.0
+    ) -> ParticipantSpec:
         """Return a participant that begins elsewhere, and keeps the end of its path.
 
         Args:
@@ -120,12 +122,12 @@ def placed_run(
         is_m = near_m - places.local(occluder)[0] - occluder.size.front_m
         value = round(uniform(span.low, span.high), 3)
         lengths_m["constraints.manoeuvre.occluder_gap"] = value
-        run = with_target(run, places.moved(occluder, is_m - value))
+        run = with_target(run, places.with_moved_start(occluder, is_m - value))
     if (span := span_of(needs.get("offset"))) is not None:
         is_m = places.local(first)[1] - places.local(run.vut)[1]
         value = round(uniform(span.low, span.high), 3)
         lengths_m["constraints.manoeuvre.offset"] = value
-        run = with_target(run, places.moved(first, 0.0, value - is_m))
+        run = with_target(run, places.with_moved_start(first, 0.0, value - is_m))
     return run, lengths_m
 
 
@@ -224,25 +226,27 @@ class GapDraw:
         places, run = self._places, self.run
         if self._is_by_vut:
             back_m = gap_m - places.gap_m(self._initiator)
-            run = run.model_copy(update={"vut": places.moved(run.vut, -back_m)})
+            run = run.model_copy(update={"vut": places.with_moved_start(run.vut, -back_m)})
             for target in self._beside_the_vut:
-                run = with_target(run, places.moved(target, -back_m))
+                run = with_target(run, places.with_moved_start(target, -back_m))
             for name, span in self._between.items():
                 target = next(one for one in run.targets if one.id == name)
                 along_m = self._share_m(name, span) - places.gap_m(target) - back_m
-                run = with_target(run, places.moved(target, along_m))
+                run = with_target(run, places.with_moved_start(target, along_m))
         else:
             for name, span in self._spans.items():
                 target = next(one for one in run.targets if one.id == name)
                 wanted_m = self._share_m(name, span)
                 if name == run.initiator_id:
                     wanted_m = gap_m
-                run = with_target(run, places.moved(target, wanted_m - places.gap_m(target)))
+                run = with_target(
+                    run, places.with_moved_start(target, wanted_m - places.gap_m(target))
+                )
         after, participant_ids = Places(run), {*self._spans, *self._between}
         gaps = {one.id: after.gap_m(one) for one in run.targets if one.id in participant_ids}
         return run, {f"participants.{k}.region.gap": round(v, 3) for k, v in gaps.items()}
 
-    def drawn_m(self, room_m: float) -> float:
+    def draw_m(self, room_m: float) -> float:
         """Return the gap to the initiator.
 
         Args:

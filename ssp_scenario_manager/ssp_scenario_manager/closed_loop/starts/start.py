@@ -21,7 +21,7 @@ from ssp_core.vocabulary import Phase
 from ssp_core.world.driver import sees_frames
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.closed_loop.contact import Contact, first_contact, first_touch
-from ssp_scenario_manager.closed_loop.starts.box import drawn_run, gap_draw
+from ssp_scenario_manager.closed_loop.starts.box import draw_run_values, gap_draw
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.compile.task import NO_TUNINGS, Tuning
 from ssp_scenario_manager.event_spec.model import Event
@@ -166,7 +166,7 @@ def make_start(
         seed: of the start.
         latency_max_s: largest latency of the campaign, for which the hand-over leaves time.
         history_s: longest history of a driver, for which it does so too.
-        tunings: of the task that the run is of, by field of K*, see ``drawn_run``.
+        tunings: of the task that the run is of, by field of K*, see ``draw_run_values``.
 
     Raises:
         OffSpec: the event of this seed isn't K*'s.
@@ -175,12 +175,12 @@ def make_start(
     """
     frame_s = _frame_period_s(run)
     history_s = max(history_s, LIMITS.history_s)
-    start_run, values = drawn_run(prepared(run), event, seed, tunings)
+    start_run, values = draw_run_values(prepared(run), event, seed, tunings)
     gaps = gap_draw(start_run, event, seed)
     if (bounds := gaps.bounds_m) is not None:
         widest, _ = gaps.with_gap(bounds.high)
         run_up = _run_up(without_operator(widest), latency_max_s, frame_s, history_s)
-        start_run, drawn_gaps = gaps.with_gap(gaps.drawn_m(run_up.room_m))
+        start_run, drawn_gaps = gaps.with_gap(gaps.draw_m(run_up.room_m))
         values |= drawn_gaps
     bare = without_operator(start_run)
     run_up = _run_up(bare, latency_max_s, frame_s, history_s)
@@ -208,7 +208,7 @@ def make_start(
         raise OffSpec(problem)
     fixed = start_run.model_copy(update={"triggers": _at_their_times(twin, result)})
     observable_s = result.phase_s(Phase.TRIGGER)
-    if problem := _off_spec(twin, result, contact) or _shown_early(run, event, result, record):
+    if problem := _off_spec(twin, result, contact) or _early_visibility(run, event, result, record):
         raise OffSpec(problem)
     if observable_s is None or observable_s < hand_over_s:
         raise ShortRunUp("the event is observable before the hand-over")
@@ -452,7 +452,7 @@ def _nearing_mps(run: RunSpec, record: Record, at_ns: int) -> float:
     return vut.speed_mps - other.speed_mps * math.cos(other.yaw_rad - vut.yaw_rad)
 
 
-def _shown_early(run: RunSpec, event: Event, result: InProcessResult, record: Record) -> str:
+def _early_visibility(run: RunSpec, event: Event, result: InProcessResult, record: Record) -> str:
     """Say that K*'s occluder doesn't hide the initiator when it moves; empty: it does."""
     occluder = event.interaction.occluder
     if occluder is None or not result.triggers:

@@ -34,9 +34,9 @@ from ssp_scenario_manager.compile.targets.carla_check import check_against_map, 
 from ssp_scenario_manager.compile.targets.map_file import (
     Heights,
     MapFile,
-    asked_of,
     map_file,
     provenance,
+    trigger_condition,
 )
 from ssp_scenario_manager.compile.targets.ramps import CLASSES, TARGET_START_S
 from ssp_scenario_manager.compile.task import Task
@@ -241,7 +241,7 @@ def _trigger(spec: TriggerSpec, heights: Heights) -> dict[str, Any]:
     below ``below`` m. time_to_arrival: the VUT's front reaches ``anchor`` in less than ``below`` s
     at its present speed.
     """
-    condition = asked_of(spec)
+    condition = trigger_condition(spec)
     if isinstance(condition, RelativeDistance):
         other, anchor = condition.object_id, None
         below, unit = condition.below_m, "m"

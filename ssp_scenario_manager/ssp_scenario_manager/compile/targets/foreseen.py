@@ -93,7 +93,7 @@ class ForeseenSession:
         beyond_m -= nominal.to_mps * (end_s - start_s)
         return Ramp(nominal.to_mps, round(max(2.0 * beyond_m / change, nominal.duration_s), 3))
 
-    def kept(self, nominal: Ramp, start_s: float, until_m: float) -> Ramp:
+    def session_ramp(self, nominal: Ramp, start_s: float, until_m: float) -> Ramp:
         """Return a ramp of the initiator's act to the mean speed that it then keeps in the session.
 
         A session plays the act a little slower or faster where it adapts it to the VUT.

@@ -161,7 +161,7 @@ def provenance(task: Task) -> dict[str, str]:
     }
 
 
-def asked_of(spec: TriggerSpec) -> RelativeDistance | TimeToArrival:
+def trigger_condition(spec: TriggerSpec) -> RelativeDistance | TimeToArrival:
     """Return a compiled task's trigger condition: a distance or an arrival, without an edge."""
     plain = spec.edge == "none" and spec.held_for_s == 0.0
     if not (plain and isinstance(spec.condition, RelativeDistance | TimeToArrival)):

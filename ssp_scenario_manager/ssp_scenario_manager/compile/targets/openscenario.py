@@ -425,7 +425,7 @@ def _first_ramp(motion: Motion, starts_s: float, session: ForeseenSession) -> Ra
         session: the session.
     """
     trip = journey(motion)
-    start_ramp = session.kept(trip.start, starts_s, trip.braking_from_m)
+    start_ramp = session.session_ramp(trip.start, starts_s, trip.braking_from_m)
     return session.act(0.0, start_ramp, starts_s)
 
 

@@ -20,7 +20,7 @@ from ssp_core.run_file.participants import (
 )
 from ssp_core.run_file.values import Point
 from ssp_scenario_manager.compile.targets.foreseen import ForeseenSession, shorter_m, straight_share
-from ssp_scenario_manager.compile.targets.map_file import Heights, asked_of
+from ssp_scenario_manager.compile.targets.map_file import Heights, trigger_condition
 from ssp_scenario_manager.compile.targets.opendrive import FIXED_DATE
 from ssp_scenario_manager.compile.targets.ramps import CLASSES
 
@@ -167,7 +167,7 @@ def firing(
     A session measures along the VUT's path and a player straight ahead. On a bend the condition has
     the value that a player measures when the session's trigger fires.
     """
-    condition, less = asked_of(trigger), xosc.Rule.lessThan
+    condition, less = trigger_condition(trigger), xosc.Rule.lessThan
     if isinstance(condition, RelativeDistance):
         other = next(t for t in run.targets if t.id == condition.object_id)
         below = condition.below_m - shorter_m(run, session, other)

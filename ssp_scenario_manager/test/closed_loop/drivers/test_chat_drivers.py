@@ -51,9 +51,9 @@ def driven_by(options: dict[str, Any], start: Start, folder: Path) -> tuple[Outc
     return outcome_of(run, run.driven, result, record, start.twin), record
 
 
-def said(record: Record) -> list[tuple[str, Trajectory | None, str]]:
+def driver_answers(record: Record) -> list[tuple[str, Trajectory | None, str]]:
     drives = [report.drive for report in record.reports if report.drive is not None]
-    given = [one.answered.answer for one in drives if one.answered is not None]
+    given = [one.effective_answer.answer for one in drives if one.effective_answer is not None]
     return [(one.text, one.trajectory, one.refused) for one in given]
 
 
@@ -68,15 +68,15 @@ def test_a_chat_service_drives_and_so_do_its_recorded_answers(
         chat = {"backend": "openai", "base_url": service.url, "model": "seer-7b"}
         outcome, record = driven_by(chat, start, tmp_path / "chat")
         asked = list(service.asked)
-    answers = said(record)
+    answers = driver_answers(record)
     assert outcome.kind == "avoided"
     # The four stages of each question, each with the newest picture.
-    questions = [report for report in record.reports if report.drive and report.drive.asked]
+    questions = [report for report in record.reports if report.drive and report.drive.question]
     assert [len(one.pictures) for one in asked] == [1] * 4 * len(questions)
     assert answers[0][0] == "\n\n".join((*STAGES, motion(0)))
     assert answers[0][1] is not None
     assert answers[0][1].x_m[:3] == (0.0, 6.5, 13.0)
     stored = {"backend": "recorded", "file": str(tmp_path / "chat" / "bag")}
     again, same = driven_by({**stored, "interface": "openemma"}, start, tmp_path / "recorded")
-    assert said(same) == answers
+    assert driver_answers(same) == answers
     assert (again, same.sha256) == (outcome, record.sha256)

@@ -120,7 +120,7 @@ def start(tmp_path_factory: pytest.TempPathFactory) -> Start:
     return make_start(small, load_event("cut_in")[0], SEED, latency_max_s=0.3)
 
 
-def asked_in(run: RunSpec, proxy: Proxy) -> list[tuple[bytes, Any]]:
+def requests_of(run: RunSpec, proxy: Proxy) -> list[tuple[bytes, Any]]:
     """Head and body of each request of a run."""
     proxy.came.clear()
     run_in_process(run)
@@ -144,7 +144,7 @@ def numbers_in(value: Any) -> Iterator[float]:
         yield float(value)
 
 
-def found_in(text: str, words: list[str]) -> list[str]:
+def words_in(text: str, words: list[str]) -> list[str]:
     return [w for w in words if re.search(rf"(?<!\w){re.escape(w.lower())}(?!\w)", text.lower())]
 
 
@@ -153,8 +153,8 @@ def test_a_driver_gets_frames_motion_camera_and_task_and_nothing_else(
 ) -> None:
     url = f"http://127.0.0.1:{proxy.server_address[1]}"
     options = driver_options("mine", {"backend": "http", "url": url})
-    event = asked_in(start.driven_by("mine", options, Latency(0.3)), proxy)
-    free = asked_in(start.driven_by("mine", options, Latency(0.3), event=False), proxy)
+    event = requests_of(start.driven_by("mine", options, Latency(0.3)), proxy)
+    free = requests_of(start.driven_by("mine", options, Latency(0.3), event=False), proxy)
     assert len(event) > 20
 
     for head, body in event:
@@ -186,12 +186,12 @@ def test_a_driver_gets_frames_motion_camera_and_task_and_nothing_else(
     run = start.driven_by("mine", options, Latency(0.3))
     words = words_of(run, start)
     whole = "\n".join(head.decode() + json.dumps(body) for head, body in event)
-    assert not found_in(whole, words)
-    assert found_in(whole + " ot1 ", words) == ["ot1"]
+    assert not words_in(whole, words)
+    assert words_in(whole + " ot1 ", words) == ["ot1"]
     # The task's own words name conflicts; all else names no phase and no label.
     rest = json.dumps([{**body, "task": None, "prompt": None} for _, body in event])
     labels = [*(phase.name for phase in Phase), *MOTIONS, *POSITIONS, *CONFLICTS]
-    assert not found_in(rest, labels)
+    assert not words_in(rest, labels)
 
     instants_s = [start.hand_over_s, start.observable_s, start.end_s]
     instants_s += start.facts()["triggers_s"]
@@ -221,7 +221,7 @@ def test_a_driver_that_is_given_its_lane_gets_that_and_nothing_else_more(
     url = f"http://127.0.0.1:{proxy.server_address[1]}"
     options = driver_options("mine", {"backend": "http", "url": url, "centre_line": True})
     run = start.driven_by("mine", options, Latency(0.3))
-    asked = asked_in(run, proxy)
+    asked = requests_of(run, proxy)
     assert len(asked) > 20
     for _, body in asked:
         assert set(body) == PARTS | {"route_m"}
@@ -240,7 +240,7 @@ def test_a_driver_that_is_given_its_lane_gets_that_and_nothing_else_more(
         [round(b[0] - a[0], 3) for a, b in pairwise(later)], abs=0.01
     )
     whole = "\n".join(head.decode() + json.dumps(_blind(body)) for head, body in asked)
-    assert not found_in(whole, words_of(run, start))
+    assert not words_in(whole, words_of(run, start))
 
 
 def _blind(body: Any) -> Any:

@@ -362,6 +362,6 @@ def test_a_run_ends_with_its_verdict_whatever_the_server_does(
     ended = outcome.kind == "died"
     assert result.verdict == (Verdict.INVALID_HARNESS if ended else Verdict.VALID)
     assert outcome.kind in kinds, outcome
-    answered = [one.drive.answered for one in record.reports if one.drive is not None]
+    answered = [one.drive.effective_answer for one in record.reports if one.drive is not None]
     refused = {one.refused for one in answered if one is not None}
     assert why in outcome.why or any(why in one for one in refused), (outcome, refused)

@@ -78,7 +78,7 @@ def test_the_packages_policies_drive_to_a_verdict(
         assert outcome.kind in kinds, outcome
         assert result.verdict == Verdict.VALID
         drives = [one.drive for one in record.reports if one.drive is not None]
-        answered = [one.answered for one in drives if one.answered is not None]
+        answered = [one.effective_answer for one in drives if one.effective_answer is not None]
         assert len(answered) > 20
         assert not [one.refused for one in answered if one.refused]
 
@@ -114,7 +114,7 @@ def test_a_bridge_behind_a_server_drives_to_the_same_bytes(cut_in: Start, tmp_pa
 
 def _plans(record: Record) -> list[Any]:
     drives = [one.drive for one in record.reports if one.drive is not None]
-    answered = [one.answered for one in drives if one.answered is not None]
+    answered = [one.effective_answer for one in drives if one.effective_answer is not None]
     return [(one.stamp_ns, one.answer.trajectory, one.answer.text) for one in answered]
 
 

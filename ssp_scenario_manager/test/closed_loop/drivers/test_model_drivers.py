@@ -40,10 +40,10 @@ from ssp_scenario_manager.cli.run import run as run_command
 from ssp_scenario_manager.closed_loop.answers import answers_of
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver
 from ssp_scenario_manager.closed_loop.campaigns.runs import Job, rows_of
-from ssp_scenario_manager.closed_loop.outcomes.outcome import Outcome, outcome_of, told_of
+from ssp_scenario_manager.closed_loop.outcomes.outcome import Outcome, driven_summary, outcome_of
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
 from ssp_scenario_manager.closed_loop.single_run import single
-from ssp_scenario_manager.closed_loop.single_run.sessions import told_of_session
+from ssp_scenario_manager.closed_loop.single_run.sessions import session_summary
 from ssp_scenario_manager.closed_loop.single_run.single import Drive, parse_drive
 from ssp_scenario_manager.closed_loop.single_run.top_view import top_view
 from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
@@ -192,7 +192,7 @@ def drive(run: RunSpec, start: Start) -> tuple[Outcome, InProcessResult, Record]
 
 def answers(record: Record) -> list[Answer]:
     drives = [report.drive for report in record.reports if report.drive is not None]
-    return [one.answered.answer for one in drives if one.answered is not None]
+    return [one.effective_answer.answer for one in drives if one.effective_answer is not None]
 
 
 def test_a_model_drives_by_the_frames_and_the_motion_of_its_interface(
@@ -207,7 +207,7 @@ def test_a_model_drives_by_the_frames_and_the_motion_of_its_interface(
     assert [text.split()[0] for text in said] == [str(k) for k in range(1, len(said) + 1)]
     ages = [k * 100_000_000 for k in range(9, -1, -1)]
     assert said[-1].split(" ", 1)[1] == f"{ages} -2.00 64"
-    asked = [r.drive.asked for r in record.reports if r.drive is not None and r.drive.asked]
+    asked = [r.drive.question for r in record.reports if r.drive is not None and r.drive.question]
     assert all(question.frames[-1].stamp_ns == question.stamp_ns for question in asked)
     assert asked[0].stamp_ns == round(start.first_request_s * 1e9)
 
@@ -262,7 +262,11 @@ def test_answers_that_are_no_plans_have_their_reasons_and_avoid_nothing(
     outcome, result, record = drive(run, start)
     assert outcome.kind in ("evaded", "fallback"), outcome
     assert result.verdict.name != "NONE"
-    refused = {r.drive.answered.refused for r in record.reports if r.drive and r.drive.answered}
+    refused = {
+        r.drive.effective_answer.refused
+        for r in record.reports
+        if r.drive and r.drive.effective_answer
+    }
     for reason in (
         "non_finite",
         "goes back by",
@@ -284,7 +288,7 @@ def test_a_model_that_can_not_be_loaded_ends_one_run_and_is_refused_by_a_command
     assert run.driven is not None
     # The view from above shows no plan, where there is none.
     assert "<svg" in top_view(
-        run, record, told_of(run.driven, record, outcome, None), outcome.contact
+        run, record, driven_summary(run.driven, record, outcome, None), outcome.contact
     )
     with pytest.raises(
         InputError, match=r"driver mine: can't be loaded: backend_options.*is_not_there"
@@ -388,7 +392,7 @@ def test_the_world_waits_for_an_answer_at_the_step_of_its_frame(
         run = start.driven_by("watching", {}, Latency(0.3, measured))
         outcome, _, record = drive(run.model_copy(update={"camera": SMALL}), start)
         assert outcome.kind == "collision", outcome
-        asked = [r.now_ns for r in record.reports if r.drive is not None and r.drive.asked]
+        asked = [r.now_ns for r in record.reports if r.drive is not None and r.drive.question]
         assert drawn == asked
         drawn.clear()
         records.append([repr(r.truths) for r in record.reports])
@@ -533,7 +537,7 @@ def test_a_session_that_passed_a_limit_asks_its_model_nothing_more(
     whole, record = run_in_process(run)
     at_ns = whole.aborted_ns
     assert at_ns is not None
-    asked = [r.drive.asked for r in record.reports if r.drive is not None and r.drive.asked]
+    asked = [r.drive.question for r in record.reports if r.drive is not None and r.drive.question]
     before = sum(question.stamp_ns <= at_ns for question in asked)
     assert before < len(asked)
     kept = answers_of(run.driven, record)[:before]
@@ -558,7 +562,7 @@ def test_a_session_that_an_operator_aborted_asks_its_model_nothing_more(
     for one in answers_of(run.driven, record):
         append_answer(tmp_path / NODE_ANSWERS_FILE, one)
     (tmp_path / "model_for_an_hour.py").unlink()
-    told, why = told_of_session(None, None, aborted, tmp_path / "bag")
+    told, why = session_summary(None, None, aborted, tmp_path / "bag")
     assert (told["driven"]["outcome"], why) == ("fence", ""), told
     assert told["driven"]["needless"].startswith("the operator aborted")
     kept = json.loads((tmp_path / "answers.json").read_text())

@@ -19,7 +19,7 @@ from ssp_core.run_file.latency import Latency
 from ssp_core.world.driver import driver_options
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver
 from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start
-from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove
+from ssp_scenario_manager.closed_loop.outcomes.outcome import DriverRun
 from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
@@ -104,7 +104,7 @@ def bridge(domain: int, tmp_path: Path) -> Iterator[Callable[[str], Any]]:
         end(process)
 
 
-def led(start: Start, **given: Any) -> Drove:
+def led(start: Start, **given: Any) -> DriverRun:
     driver = CampaignDriver(driver="mine", options=driver_options("mine", given))
     return drive_start(start, driver, Latency(0.3))
 

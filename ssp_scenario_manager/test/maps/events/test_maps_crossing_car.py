@@ -26,7 +26,7 @@ from ssp_core.world.road_drawing import drawing_of
 from ssp_core.world.sumo_network import write_network
 from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.compile.area import OperatingArea
-from ssp_scenario_manager.compile.choose import NotChosen
+from ssp_scenario_manager.compile.choose import NoBlockChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task, load_area
 from ssp_scenario_manager.compile.targets.foreseen import foresee
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
@@ -433,14 +433,16 @@ def test_without_a_road_from_that_side_there_is_no_event() -> None:
 
 def test_deleting_the_junction_refuses_it(tmp_path: Path) -> None:
     path = site_without_junction("crossroads", tmp_path)
-    with pytest.raises(NotChosen) as caught:
+    with pytest.raises(NoBlockChosen) as caught:
         compile_task(Request(event="crossing_car", target="sumo", site=str(path)))
     assert "segment straight, needs junction (identity)" in str(caught.value)
 
 
 def test_a_place_without_a_junction_is_refused_for_that_first() -> None:
     """Boulevard has two lanes too, where one is needed."""
-    with pytest.raises(NotChosen, match="no block of it fits: segment straight, needs junction"):
+    with pytest.raises(
+        NoBlockChosen, match="no block of it fits: segment straight, needs junction"
+    ):
         compile_task(Request(event="crossing_car", target="sumo", site="boulevard"))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ssp_core.vocabulary import Verdict
-from ssp_scenario_manager.compile.choose import NotChosen
+from ssp_scenario_manager.compile.choose import NoBlockChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
 from ssp_scenario_manager.compile.task import sealed
@@ -141,7 +141,7 @@ def test_what_doesnt_fit_is_refused_with_its_quantity(
 
 def test_deleting_the_junction_refuses_it(tmp_path: Path) -> None:
     path = site_without_junction("entry", tmp_path)
-    with pytest.raises(NotChosen, match="segment straight, needs junction"):
+    with pytest.raises(NoBlockChosen, match="segment straight, needs junction"):
         compile_task(Request(event="merge", target="sumo", site=str(path)))
 
 

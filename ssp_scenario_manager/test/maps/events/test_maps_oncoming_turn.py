@@ -16,7 +16,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Phase, Verdict
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.compile.area import OperatingArea
-from ssp_scenario_manager.compile.choose import NotChosen
+from ssp_scenario_manager.compile.choose import NoBlockChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
 from ssp_scenario_manager.compile.task import sealed
@@ -185,7 +185,7 @@ def test_without_an_oncoming_route_that_turns_there_is_no_event() -> None:
 
 def test_deleting_the_junction_refuses_it(tmp_path: Path) -> None:
     path = site_without_junction("crossroads", tmp_path)
-    with pytest.raises(NotChosen) as caught:
+    with pytest.raises(NoBlockChosen) as caught:
         compile_task(Request(event="oncoming_turn", target="sumo", site=str(path)))
     assert "segment straight, needs junction (identity)" in str(caught.value)
 

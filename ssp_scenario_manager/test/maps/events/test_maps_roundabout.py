@@ -20,7 +20,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import TimeToArrival
 from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.checks.check import check_event
-from ssp_scenario_manager.compile.choose import NotChosen
+from ssp_scenario_manager.compile.choose import NoBlockChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
@@ -304,7 +304,7 @@ def test_the_intervals_for_places_of_maps_pass_the_checks(name: str) -> None:
 
 def test_without_the_junction_nothing_compiles(tmp_path: Path) -> None:
     site = site_without_junction("ring", tmp_path)
-    with pytest.raises(NotChosen, match="segment straight, needs junction"):
+    with pytest.raises(NoBlockChosen, match="segment straight, needs junction"):
         compile_task(Request(event="roundabout", target="sumo", site=str(site)))
 
 

@@ -19,7 +19,7 @@ from ssp_core.run_file.participants import TimeToArrival
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.gap_acceptance import PriorityWatch
 from ssp_ot_controller.sil.vut_driver import VutDriver
-from ssp_scenario_manager.compile.choose import NotChosen
+from ssp_scenario_manager.compile.choose import NoBlockChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.targets.carla import export_carla
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
@@ -182,7 +182,7 @@ def test_it_compiles_on_a_turn_as_tight_as_those_of_towns(tmp_path: Path) -> Non
 
 def test_without_the_junction_nothing_compiles(tmp_path: Path) -> None:
     site = site_without_junction("tee", tmp_path)
-    with pytest.raises(NotChosen) as caught:
+    with pytest.raises(NoBlockChosen) as caught:
         compile_task(Request(event="vut_turn", target="sumo", site=str(site)))
     scores = caught.value.scores
     assert all("needs junction" in " ".join(score.reasons) for score in scores)

@@ -207,12 +207,12 @@ class Surface:
     Args:
         colours: shape (strips, 3), median.
         spreads: shape (strips,), spread of the chroma.
-        known: shape (strips,), where anything was seen.
+        has_pixels: shape (strips,), where anything was seen.
     """
 
     colours: NDArray[np.float32]
     spreads: NDArray[np.float32]
-    known: NDArray[np.bool_]
+    has_pixels: NDArray[np.bool_]
 
 
 def to_ycc(image: ByteImage) -> NDArray[np.float32]:

@@ -70,11 +70,11 @@ class Latest:
         enu = self.enu()
         return None if enu is None else self._datum.of_enu(enu)
 
-    def stated_mps(self) -> float:
+    def reported_speed_mps(self) -> float:
         """Return the speed that the object states, 0 where it states none."""
         return 0.0 if self.monr is None else abs(self.monr.speed_mps or 0.0)
 
-    def moved_mps(self) -> float:
+    def measured_speed_mps(self) -> float:
         """Compute its speed from the newest places that it reported."""
         if not self._places:
             return 0.0

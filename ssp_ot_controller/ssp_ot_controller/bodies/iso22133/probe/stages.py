@@ -435,7 +435,7 @@ class Probe:
         t_s = points.columns[0]
         accelerating_s = float(t_s[np.flatnonzero(points.columns[4] >= 0.99 * cruise_mps)[0]])
         limit_s = _START_AHEAD_S + accelerating_s + 2.0
-        if not self._run(limit_s, lambda: self._latest.moved_mps() >= 0.9 * cruise_mps):
+        if not self._run(limit_s, lambda: self._latest.measured_speed_mps() >= 0.9 * cruise_mps):
             raise ProbeEnd(f"it didn't reach {0.9 * cruise_mps:.1f} m/s within {limit_s:.1f} s")
         self._run(0.3)
         if status is None:
@@ -460,7 +460,10 @@ class Probe:
                 return f"no place was reported for {silent_s:.2f} s while it moved"
             if not way.holds(pose):
                 return f"it is outside of the fence at ({pose.x_m:.1f}, {pose.y_m:.1f})"
-            stated_mps, moved_mps = self._latest.stated_mps(), self._latest.moved_mps()
+            stated_mps, moved_mps = (
+                self._latest.reported_speed_mps(),
+                self._latest.measured_speed_mps(),
+            )
             if max(stated_mps, moved_mps) > fastest_mps:
                 return (
                     f"it drives {moved_mps:.1f} m/s and states {stated_mps:.1f} m/s, asked for "
