@@ -210,14 +210,6 @@ class _Running:
     log: Path
 
 
-class _Interrupted(Exception):
-    """Somebody wants it to end; the steps that run are to end in order first."""
-
-
-def _raise_interrupted(_: signal.Signals) -> None:
-    raise _Interrupted
-
-
 @dataclass(frozen=True, slots=True)
 class Gap:
     """A step that failed or wasn't begun, and why."""
@@ -254,9 +246,14 @@ def follow(
     """
     waiting = [step for step in steps if step.name not in earlier_steps]
     running, completed_steps, gaps = list[_Running](), set(earlier_steps), list[Gap]()
-    with on_stop_signals(_raise_interrupted):
+    signals: list[signal.Signals] = []
+    # Looked at between two steps: raised in between, it would miss a step that just starts.
+    with on_stop_signals(signals.append):
         try:
             while waiting or running:
+                if signals:
+                    titles = ", ".join(one.step.title for one in running) or "between two steps"
+                    raise PeerError(f"{titles}: interrupted")
                 failed = {gap.step.name for gap in gaps}
                 for late in [one for one in waiting if not failed.isdisjoint(one.needs)]:
                     waiting.remove(late)
@@ -276,10 +273,6 @@ def follow(
                         on_end(one.step)
                 if not ended and running:
                     time.sleep(_POLL_S)
-        except _Interrupted:
-            titles = ", ".join(one.step.title for one in running)
-            _end_all(running)
-            raise PeerError(f"{titles}: interrupted") from None
         except BaseException:
             _end_all(running)
             raise

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from ssp_core.errors import PeerError
+from ssp_eval import demo
 from ssp_eval.demo import Progress, follow
 from ssp_eval.demo_plan import AT_ONCE, Step
-from tests.support.processes.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S, until
 
 
 class Script(Step):
@@ -154,15 +153,31 @@ time.sleep(600)
 """
 
 
-@pytest.fixture
-def uncollected() -> Iterator[None]:
-    """No search for cycles: hypothesis watches it, and an interrupt in its callback is lost."""
-    gc.disable()
-    yield
-    gc.enable()
+def test_an_interrupt_while_a_step_is_being_started_ends_that_step_too(
+    tmp_path: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = {
+        name: (str(tmp_path / name), str(tmp_path / f"{name}.ready")) for name in ("one", "two")
+    }
+    steps = [
+        script(name, GRACEFUL.format(path=path, ready=ready))
+        for name, (path, ready) in paths.items()
+    ]
+    started = demo._start
+
+    def start(step: Step, logs: Path) -> Any:
+        running = started(step, logs)
+        until(Path(paths[step.name][1]).exists, step.name)
+        if step.name == "two":
+            os.kill(os.getpid(), signal.SIGINT)
+        return running
+
+    monkeypatch.setattr(demo, "_start", start)
+    with pytest.raises(PeerError, match="do one, do two: interrupted"):
+        follow(steps, logs, nothing, nothing)
+    assert [Path(path).read_text() for path, _ in paths.values()] == ["in order"] * 2
 
 
-@pytest.mark.usefixtures("uncollected")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_lets_every_step_end_in_order(
     number: signal.Signals, tmp_path: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
@@ -190,7 +205,6 @@ def test_an_interrupt_lets_every_step_end_in_order(
     assert {n: signal.getsignal(n) for n in handlers} == handlers
 
 
-@pytest.mark.usefixtures("uncollected")
 def test_a_step_that_does_not_end_is_killed(
     logs: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
