@@ -34,7 +34,7 @@ WIDTH_PX, QUALITY = 310, 85
 COLUMNS, PAGE_PX = 108, 900
 BLOCK = ("--choose", "road 1 forward [0-312 m]", "--who", "Your Name")
 
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT)]
+sys.path.insert(0, str(ROOT))
 from tests.support.carla.counterpart import Behaviour, Counterpart  # noqa: E402 - of the tests
 from tests.support.carla.physics import Physics  # noqa: E402
 from tests.support.carla.tasks import MAP  # noqa: E402
