@@ -385,7 +385,7 @@ def _constant(file: str, name: str) -> float:
 def times() -> str:
     """Times that are the same at every site."""
     target = "ssp_ot_controller/ssp_ot_controller/objects/pool.py"
-    world = "ssp_ot_controller/ssp_ot_controller/ros/sil_world.py"
+    world = "ssp_ot_controller/ssp_ot_controller/sil/pacing.py"
     body = "ssp_ot_controller/ssp_ot_controller/sil/world.py"
     manager = "ssp_scenario_manager/ssp_scenario_manager/ros/manager_node.py"
     follow = "ssp_scenario_manager/ssp_scenario_manager/run/follow.py"

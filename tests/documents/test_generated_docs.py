@@ -21,7 +21,7 @@ MORE = {
     "separation": {SafetyCode.SEPARATION, SafetyCode.COLLISION},
     "stamp_ahead": {SafetyCode.CLOCK_OFFSET},
     "link_violations": {SafetyCode.LINK_DELAY, SafetyCode.CLOCK_OFFSET},
-    "stated": {
+    "statement_violations": {
         SafetyCode.LOCALISATION,
         SafetyCode.OVER_ACCELERATION,
         SafetyCode.ERROR_LONGITUDINAL,
