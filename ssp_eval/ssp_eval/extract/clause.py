@@ -28,6 +28,7 @@ _BARE = 2  # words of an order that is a sentence
 _PLACES = 3  # of a road user, before its verb
 _ENDS_PLACES = MARKS | {"and", "so", "on", "at", "in", "while", "but", "is", "as", "because"}
 _GOALS = frozenset({"goal", "from", "across", "towards", "place"})
+PASSES = ("overtak", "pass")  # beginnings of what somebody is the object of
 PEOPLE = frozenset({"pedestrian"})
 RIDERS = frozenset({"pedestrian", "cyclist", "motorcycle"})
 _GENERIC = frozenset({"vehicle", "car", "vehicles", "cars"})
@@ -244,6 +245,8 @@ class ClauseFacts:
             return False
         if has_us(hit.stop, self.words):
             return False
+        if self._is_passed_by_us(index, hit):
+            return False
         following = self._after(index)
         if following.value == "must":
             return True
@@ -254,6 +257,13 @@ class ClauseFacts:
             if static or (moves and not self.known.verbs[beyond.value].ego):
                 return False
         return user is None or user.parked
+
+    def _is_passed_by_us(self, index: int, hit: Hit) -> bool:
+        """Tell whether a road user is the object of our verb: we overtake the car."""
+        verb = self._before(index)
+        ours = self.subject is EGO or (self.subject is None and verb.form == "base")
+        adjacent = verb.stop == hit.first - 1
+        return ours and adjacent and self.words[verb.first].startswith(PASSES)
 
     def _opens_clause(self, index: int) -> bool:
         """Tell whether a road user opens a clause of its own behind one of the VUT.
@@ -286,7 +296,7 @@ class ClauseFacts:
         """Tell whether a verb is done because of somebody: I pass the parked truck."""
         if self.subject is None:
             return hit.value in ("follow", "overtake", "wait", "trail")
-        passes = hit.value in ("follow", "overtake") and hit.form != "ed"
+        passes = hit.value in ("overtake", "follow") and hit.form != "ed"
         parked = self.subject is EGO and self._after(index).value == "parked"
         return passes and parked and not flags & ~Scope.FUTURE
 

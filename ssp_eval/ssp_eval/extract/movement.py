@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract.clause import PEOPLE
+from ssp_eval.extract.clause import PASSES, PEOPLE
 from ssp_eval.extract.match import Hit
 from ssp_eval.extract.world import Actor
 
@@ -18,7 +18,6 @@ _MERGES = ("merg", "join", "intrud", "encroach", "filter")
 _INTO = frozenset({"into", "onto", "over", "across"})
 _OVER = frozenset({"over", "across"})
 _NAMES = frozenset({"user", "pronoun", "relative"})
-_PASSES = ("overtak", "pass")
 _GAPS = frozenset({"gap", "gaps", "break", "opening", "space", "chance"})
 
 
@@ -99,7 +98,7 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
 def passed_side(hit: Hit, words: list[str]) -> str:
     """Return the side on which somebody overtakes: is overtaking on the left; empty: none."""
     side = hit.value.removeprefix("to_")
-    passes = side in OTHER_SIDE and words[hit.first].startswith(_PASSES)
+    passes = side in OTHER_SIDE and words[hit.first].startswith(PASSES)
     return side if passes and "on" in words[hit.first : hit.stop] else ""
 
 
