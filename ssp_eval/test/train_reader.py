@@ -30,10 +30,15 @@ from ssp_eval.extract.engine import Reading, read
 from ssp_eval.extract.reader import weights as files
 from ssp_eval.extract.reader.candidates import LABELS, Candidate
 from ssp_eval.extract.reader.clauses import View, view
-from ssp_eval.extract.reader.reader import FEW_CLAUSES, Support, all_candidates
+from ssp_eval.extract.reader.reader import (
+    FEW_CLAUSES,
+    FILL_FROM,
+    KEEP_FROM,
+    Support,
+    all_candidates,
+)
 from ssp_eval.extract.reader.weights import (
     CLASS,
-    Threshold,
     Weights,
     written,
 )
@@ -56,9 +61,6 @@ WORTH = {
     "wide": 0.3,
     PERFECT: 1.0,
 }
-HONEST = ("blind", "fresh")
-FILLS = (0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9)
-KEEPS = (0.0, 0.2, 0.3, 0.4, 0.5)  # what is likelier right than wrong stays
 Floats = NDArray[np.float64]
 
 
@@ -247,7 +249,7 @@ def feature_weights(chosen: Sequence[Example]) -> Weights:
     bias = table[-1]
     table = np.where(abs(table[:-1]) < LEAST_WEIGHT, 0, table[:-1])
     used = np.flatnonzero(table.any(axis=1))
-    return Weights({names[row]: at for at, row in enumerate(used)}, table[used], bias, {}, {})
+    return Weights({names[row]: at for at, row in enumerate(used)}, table[used], bias, {})
 
 
 # --- candidates over the text
@@ -273,7 +275,7 @@ def joining(
 
 @dataclass(frozen=True)
 class Choice:
-    """The candidates for a slot's value before a threshold decides.
+    """The candidates for a slot's value.
 
     Args:
         rules: the value of the rules, and how likely it is right.
@@ -285,10 +287,10 @@ class Choice:
     best: tuple[Any, float]
     is_short: bool
 
-    def value(self, one: Threshold) -> Any:
-        if self.rules[0] is not None and self.rules[1] >= one.keep:
+    def value(self) -> Any:
+        if self.rules[0] is not None and self.rules[1] >= KEEP_FROM:
             return self.rules[0]
-        if self.best[0] is not None and self.best[1] >= one.fill:
+        if self.best[0] is not None and self.best[1] >= FILL_FROM:
             return self.best[0]
         return self.rules[0] if self.is_short else None
 
@@ -308,31 +310,6 @@ def choice(example: Example, name: str, found: list[Candidate], weights: Weights
         if support.slot(name, best) is None:
             return Choice(rules, (None, certain[best.value]), is_short)
     return Choice(rules, (best.value, certain[best.value]), is_short)
-
-
-def threshold(name: str, chosen: Sequence[tuple[Example, Choice]]) -> Threshold:
-    """The threshold that finds most, where precision doesn't fall below that of the rules."""
-    honest = [(example, one) for example, one in chosen if example.file in HONEST]
-
-    def tally(one: Threshold) -> Tally:
-        total = Tally()
-        for example, open_choice in honest:
-            given = Tally.of(open_choice.value(one), example.right(name))
-            total = total.plus(given)
-        return total
-
-    rules = tally(Threshold(2.0, 0.0))
-    least = max(rules.precision + 0.005, 0.9)
-    tried = [
-        (Threshold(fill, keep), tally(Threshold(fill, keep)))
-        for fill in FILLS
-        for keep in KEEPS
-        if keep <= fill
-    ]
-    good = [(one, found) for one, found in tried if found.precision >= least]
-    if not good:
-        return max(tried, key=lambda pair: pair[1].precision)[0]
-    return max(good, key=lambda pair: (pair[1].hit_count, pair[1].precision))[0]
 
 
 def cross_weights(chosen: Sequence[Example]) -> list[Weights]:
@@ -361,23 +338,17 @@ def main() -> None:
             joined = replace(crossed[part], joining={name: joining(name, others)})
             for one in (one for one in chosen if one.part == part):
                 choices[name][one.key] = choice(one, name, found[one.key][name], joined)
-    thresholds = {
-        name: threshold(name, [(one, choices[name][one.key]) for one in chosen])
-        for name in SLOT_NAMES
-    }
-    for name, one in thresholds.items():
-        print(f"{name}: fill from {one.fill}, keep from {one.keep}")
     for file in WORTH:
         groups: dict[str, list[Tally]] = defaultdict(lambda: [Tally(), Tally()])
         for example in (one for one in chosen if one.file == file):
             for name in SLOT_NAMES:
-                limits = Threshold(2.0, 0.0), thresholds[name]
+                one = choices[name][example.key]
                 for group in ("all", name, example.style):
                     groups[group] = [
-                        tally.plus(
-                            Tally.of(choices[name][example.key].value(limit), example.right(name))
+                        tally.plus(Tally.of(value, example.right(name)))
+                        for tally, value in zip(
+                            groups[group], (one.rules[0], one.value()), strict=True
                         )
-                        for tally, limit in zip(groups[group], limits, strict=True)
                     ]
         print(f"{file}, rules and then rules with reader, precision / recall")
         for group, (rules, both) in groups.items():
@@ -390,7 +361,7 @@ def main() -> None:
         joined_all = {
             name: joining(name, [(one, found[one.key]) for one in chosen]) for name in SLOT_NAMES
         }
-        weights = replace(weights, joining=joined_all, thresholds=thresholds)
+        weights = replace(weights, joining=joined_all)
         files.FILE.write_text(written(weights), encoding="utf-8")
         size = files.FILE.stat().st_size
         print(f"{files.FILE.name}: {len(weights.rows)} features, {size} bytes")

@@ -234,11 +234,12 @@ _LABELS = frozenset(
     | {"timesteps", "frame", "frames", "waypoint", "waypoints", "point", "points", "pair"}
     | {"pairs", "at", "after", "in", "future", "and", "then", "wp", "p", "ms"}
 )
-# In a heading's bracket: "(from 0.5 s to 2 s, every 0.5 s):".
+# In a heading's bracket: "(m, from 0.5 s to 2 s, every 0.5 s):".
 _SECONDS = frozenset({"s", "sec", "secs", "second", "seconds"})
 _OF_SPANS = frozenset(
     {"from", "to", "until", "till", "through", "up", "every", "each", "in", "of", "at", "over"}
     | {"the", "next", "t", "time", "times", "step", "steps", "apart", "horizon", "dt"}
+    | {"m", "metre", "metres", "meter", "meters"}
 )
 _WORD = re.compile(r"[^\W\d_]+")
 _BEHIND_HEADING = re.compile(r"[ \t*_]*:")

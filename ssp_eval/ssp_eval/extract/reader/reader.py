@@ -31,6 +31,8 @@ from ssp_eval.extract.scope import Scope
 _MOST_WORDS = 8  # of a quote
 _PRICE = 5.0  # hundredths that a further word of a quote must add
 _MOST_QUOTES = 4  # that are tried for a label
+FILL_FROM = 0.8  # the certainty from which a slot that the rules left empty is filled
+KEEP_FROM = 0.7  # and from which an answer of the rules stays
 FEW_CLAUSES = 3  # of a text in which nothing is taken back: it says too little against the rules
 _FILES = ("clauses.py", "candidates.py", "weights.py", "reader.py", FILE.name)
 
@@ -51,7 +53,7 @@ class Judgement:
 
 
 def complete(text: str, reading: Reading) -> Judgement:
-    """Fill slots that the rules left empty, and take back answers that are likely wrong.
+    """Fill slots that the rules left empty, and take back answers that aren't sure enough.
 
     Args:
         text: a model's text.
@@ -64,12 +66,12 @@ def complete(text: str, reading: Reading) -> Judgement:
     support = Support(text, reading, clause_view, weights)
     changed: dict[str, Slot | None] = {}
     for name, candidates in all_candidates(weights, clause_view, reading.slots).items():
-        threshold, slot = weights.thresholds[name], getattr(reading.slots, name)
+        slot = getattr(reading.slots, name)
         certain = {one.value: weights.certainty(name, one) for one in candidates}
-        if slot is not None and certain.get(slot.value, 1.0) >= threshold.keep:
+        if slot is not None and certain.get(slot.value, 1.0) >= KEEP_FROM:
             continue
         best = max(candidates, key=lambda one: certain[one.value], default=None)
-        sure = best is not None and certain[best.value] >= threshold.fill
+        sure = best is not None and certain[best.value] >= FILL_FROM
         if best is None or not sure or (name == "motion" and _is_over(best, reading.slots)):
             replacement = None
         else:

@@ -29,14 +29,6 @@ _DIGITS = 6
 
 
 @dataclass(frozen=True)
-class Threshold:
-    """The certainty from which a slot that the rules left empty is filled, and theirs is kept."""
-
-    fill: float
-    keep: float
-
-
-@dataclass(frozen=True)
 class Weights:
     """The weights of the reader.
 
@@ -45,14 +37,12 @@ class Weights:
         table: (features, columns), hundredths.
         bias: of each column, hundredths.
         joining: of each slot, for the numbers of its candidates; the first is the constant.
-        thresholds: of each slot.
     """
 
     rows: Mapping[str, int]
     table: NDArray[np.int32]
     bias: NDArray[np.int32]
     joining: Mapping[str, Sequence[float]]
-    thresholds: Mapping[str, Threshold]
 
     def sums(self, features: Iterable[str]) -> NDArray[np.float64]:
         """Sum the weights of a set of features for each column, in natural units."""
@@ -93,7 +83,6 @@ def written(weights: Weights) -> str:
         "columns": list(COLUMNS),
         "bias": [int(one) for one in weights.bias],
         "joining": {name: list(row) for name, row in weights.joining.items()},
-        "thresholds": {name: vars(one) for name, one in weights.thresholds.items()},
     }
     opening = json.dumps(head, indent=1)[:-2]
     return opening + ',\n "features": {\n' + ",\n".join(lines) + "\n}}\n"
@@ -116,5 +105,4 @@ def load_weights() -> Weights:
         table,
         np.array(content["bias"], dtype=np.int32),
         content["joining"],
-        {name: Threshold(**one) for name, one in content["thresholds"].items()},
     )
