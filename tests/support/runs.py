@@ -4,6 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+_START = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}
+# The VUT drives 380 m straight on; a target stands in its lane at 200 m.
+APPROACH: dict[str, Any] = {
+    "vut": {
+        "id": "vut",
+        "object_class": "car",
+        "start": _START,
+        "approach": {"path": [(10.0, 0.0), (390.0, 0.0)], "cruise_mps": 10.0},
+    },
+    "targets": [{"id": "ot1", "object_class": "car", "start": {**_START, "x_m": 200.0}}],
+}
+
 
 def small_run(**changes: Any) -> dict[str, Any]:
     """A run of a target that stands at 40 m, as its file has it; keywords replace its parts."""

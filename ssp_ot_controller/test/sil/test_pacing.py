@@ -19,16 +19,8 @@ from ssp_ot_controller.sil.pacing import DRIVER_FRESH_S, HOLD_TOLD_S, OVERRUN_S,
 from ssp_ot_controller.sil.patience import BUSY_LIMIT_S, HANG_LIMIT_S
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
 from ssp_ot_controller.sil.world import World
-from tests.support.runs import small_run
+from tests.support.runs import APPROACH, small_run
 
-START = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}
-VUT = {
-    "id": "vut",
-    "object_class": "car",
-    "start": START,
-    "approach": {"path": [(10.0, 0.0), (390.0, 0.0)], "cruise_mps": 10.0},
-}
-TARGETS = [{"id": "ot1", "object_class": "car", "start": {**START, "x_m": 200.0}}]
 EXTERNAL = {"driver": {"cruise_mps": 10.0, "external": True}}
 DRIVEN = {"driven": {"driver": "mine", "first_request_s": 0.0, "hand_over_s": 0.1, "end_s": 60.0}}
 LOOK_S = 0.1
@@ -48,7 +40,7 @@ class Paced:
     """A world's pacing, with a steady clock and a processor to spare."""
 
     def __init__(self, **changes: Any) -> None:
-        self.run = RunSpec.model_validate(small_run(vut=VUT, targets=TARGETS, **changes))
+        self.run = RunSpec.model_validate(small_run(**APPROACH, **changes))
         self.world = World(self.run, Empty())
         self.now_s = 0.0
         self.pacing = Pacing(self.run, 0)

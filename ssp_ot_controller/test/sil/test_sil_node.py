@@ -25,16 +25,9 @@ from ssp_ot_controller.sil.patience import HANG_LIMIT_S
 from tests.support.processes.children import end
 from tests.support.processes.patience import patient
 from tests.support.processes.waiting import DEADLINE_S
+from tests.support.runs import APPROACH
 
 pytestmark = pytest.mark.ros
-START = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}
-VUT = {
-    "id": "vut",
-    "object_class": "car",
-    "start": START,
-    "approach": {"path": [(10.0, 0.0), (390.0, 0.0)], "cruise_mps": 10.0},
-}
-TARGETS = [{"id": "ot1", "object_class": "car", "start": {**START, "x_m": 200.0}}]
 
 
 class Peers:
@@ -110,7 +103,7 @@ def start(
 
     def make(**changes: Any) -> tuple[subprocess.Popen[str], Peers]:
         run_file = tmp_path / "run.yaml"
-        run = run_mapping(vut=VUT, targets=TARGETS, **changes)
+        run = run_mapping(**APPROACH, **changes)
         run_file.write_text(json.dumps(patient(run)))
         worlds.append(world_process(domain, run_file))
         peers = Peers(others)
