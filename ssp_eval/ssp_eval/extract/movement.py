@@ -13,8 +13,11 @@ OTHER_SIDE = {"left": "right", "right": "left"}
 _STOOD = frozenset({"stood", "waited", "sat", "lingered", "loitered", "hovered", "hesitated"})
 _LIES = frozenset({"lie", "lies", "lay"})
 _PERFECT = frozenset({"has", "have", "just"})
+_BEGUN = frozenset({"entered", "started", "begun"})
 _ONTO = frozenset({"onto", "on", "into", "out", "off", "from"})
+_EMERGES = ("com", "approach", "circul", "emerg", "dart", "shoot", "shot", "burst")
 _MERGES = ("merg", "join", "intrud", "encroach", "filter")
+_FROM = frozenset({"from", "of"})
 _INTO = frozenset({"into", "onto", "over", "across"})
 _OVER = frozenset({"over", "across"})
 _NAMES = frozenset({"user", "pronoun", "relative"})
@@ -79,6 +82,8 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
     if kind in ("step", "go", "drift") and (both or "across" in names):
         side = side or OTHER_SIDE.get(end, "")
         return f"crossing_from_{side}" if side else CROSSING if people else None
+    if not people and not _FROM.isdisjoint(words[hit.stop - 1 : hit.stop + 1]):
+        side = side or _side_of_origin(goals)
     if kind == "drift" and side:
         merges = words[hit.first].startswith(_MERGES) or "over" in words[hit.first : hit.stop]
         if people:
@@ -86,13 +91,19 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
         return f"{CUTTING_IN}_from_{side}" if merges else None
     if people and kind in ("go", "step") and side:
         return f"{CROSSING}_from_{side}"
-    if kind in ("go", "near") and side and _comes_straight(hit, goals, words):
+    if kind in ("go", "near", "step") and side and _comes_straight(actor, hit, goals, words):
         return f"{COMING}_from_{side}"
     if kind == "near" and not side and is_behind(actor, goals):
         return "same_direction"
     if kind in ("along", "go") and not side:
         return ALONG
     return None
+
+
+def _side_of_origin(goals: list[Hit]) -> str:
+    """Return the side of what somebody comes from: merges from the ramp on the right."""
+    places = (g.value for g in goals if g.kind == "place" and not g.value.startswith("rear"))
+    return next((side for place in places if (side := place.rpartition("_")[2]) in OTHER_SIDE), "")
 
 
 def passed_side(hit: Hit, words: list[str]) -> str:
@@ -109,10 +120,10 @@ def is_behind(actor: Actor, goals: list[Hit]) -> bool:
     return last.startswith("rear")
 
 
-def _comes_straight(hit: Hit, goals: list[Hit], words: list[str]) -> bool:
+def _comes_straight(actor: Actor, hit: Hit, goals: list[Hit], words: list[str]) -> bool:
     """Tell whether somebody comes from the side, as on the cross street, not from a lane."""
     lane = any("lane" in words[goal.first : goal.stop] for goal in goals)
-    return not lane and words[hit.first].startswith(("com", "approach", "circul", "emerg"))
+    return not lane and not is_behind(actor, goals) and words[hit.first].startswith(_EMERGES)
 
 
 def is_over_by_then(hit: Hit, kind: str, before: Hit, words: list[str]) -> bool:
@@ -127,7 +138,10 @@ def is_over_by_then(hit: Hit, kind: str, before: Hit, words: list[str]) -> bool:
     word = words[hit.first]
     if word in _LIES:
         return before.kind not in _NAMES or hit.first - before.stop > 1
-    if kind == "step" and words[hit.first - 1] in _PERFECT and words[hit.stop] in _ONTO:
+    begins = word in _BEGUN or (
+        kind == "step" and not _ONTO.isdisjoint(words[hit.stop : hit.stop + 1])
+    )
+    if begins and words[hit.first - 1] in _PERFECT:
         return False  # has stepped onto the crossing, and is there now
     stands = kind in ("stand", "parked")
     return hit.form == "ed" and (not stands or (word in _STOOD and before.value != "is"))
