@@ -209,7 +209,7 @@ def take_arrived(subscription: Any) -> bool:
 
 # What a reader misses can't be sent again once its writer is gone, so that a node waits at its end,
 # but no longer than this: a reader may hang.
-LAST_WORD_S = 1.0
+LAST_WORD_S = 2.0
 
 
 def await_readers(node: Node) -> None:

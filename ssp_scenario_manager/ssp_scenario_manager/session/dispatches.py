@@ -71,7 +71,8 @@ class Dispatches:
         """Return the reference that a trigger sends, if any, and its decision record.
 
         Raises:
-            CannotFire: the object was never heard, or can't drive the manoeuvre from where it is.
+            CannotFire: the object was never heard, states no numbers, or can't drive the manoeuvre
+                from where it is.
         """
         target = next(t for t in self._spec.targets if t.id == trigger.object_id)
         if target.id not in targets:
@@ -91,8 +92,11 @@ class Dispatches:
             return [record]
         address = self._address(target.id, "manoeuvre", now_ns, trigger.lead_time_s)
         current = self._accepted.get(target.id)
-        # Looked up only where it is needed: it may have to be decoded first.
-        state = targets[target.id].extrapolated(firing.fired_ns) if current is None else None
+        state = None
+        if current is None:  # looked up only where it is needed: it may have to be decoded first
+            if not targets[target.id].is_finite:
+                raise CannotFire(f"{target.id} states no finite position or motion")
+            state = targets[target.id].extrapolated(firing.fired_ns)
         try:
             reference = references.manoeuvre_reference(
                 address, trigger.manoeuvre, state, current, target.approach

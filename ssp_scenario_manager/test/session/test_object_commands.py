@@ -116,3 +116,29 @@ def test_a_newer_command_takes_the_place_of_what_waits() -> None:
     assert new.command is ARM
     assert not commands.on_answer(old, True, "")
     assert due(commands, 9000) == []
+
+
+@pytest.mark.parametrize(
+    ("command", "wait_s"), [(ARM, ARM_WAIT_S), (CLEAR, CLEAR_WAIT_S), (DISARM, None)]
+)
+def test_a_command_is_given_up_so_long_after_it_was_asked_for(
+    command: ObjectCommand, wait_s: float | None
+) -> None:
+    """The steady clock is older than the command."""
+    commands = pending_commands(command, 60_000)
+    latest_ms = 60_000 + round(1000 * (wait_s or 9.0))
+    assert commands.overdue(latest_ms * MS) == []
+    overdue = commands.overdue((latest_ms + 1) * MS)
+    assert [one.object_id for one in overdue] == ([] if wait_s is None else ["ot1"])
+
+
+def test_each_object_is_sent_its_command_once_its_own_service_is_there() -> None:
+    commands = ObjectCommands()
+    digests = {"ot1": "sha256:a", "ot2": "sha256:b"}
+    commands.ask(digests, ARM, "sha256:event", "", 0)
+    (first,) = commands.due(lambda object_id: object_id == "ot2", 100 * MS)
+    (second,) = due(commands, 200)
+    for one, object_id in ((first, "ot2"), (second, "ot1")):
+        assert (one.object_id, one.rules_digest) == (object_id, digests[object_id])
+        # An object arms for no other K*.
+        assert one.event_version == "sha256:event"
