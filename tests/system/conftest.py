@@ -23,7 +23,7 @@ import pytest
 
 from ssp_core import names
 from tests.support.bags.messages import last_speeds
-from tests.system.recordings import Recordings
+from tests.system.recordings import Recordings, change_on_site
 
 START_DEADLINE_S = 300.0
 END_DEADLINE_S = 300.0
@@ -31,6 +31,7 @@ EVENTS = ("cut_in", "vru_crossing")
 Beside = Callable[..., subprocess.Popen[str]]
 LiveProcesses = Callable[[Path], dict[str, int]]
 # In lockstep, and with a trigger that never fires: a run that lasts until it is struck.
+LONG_S = 600.0  # the recorder wants room for all of it
 LONG = """schema: ssp.faults/1
 faults: [{kind: trigger_never, at_s: 0.0}]
 """
@@ -215,12 +216,19 @@ def beside() -> Iterator[Beside]:
 
 
 @pytest.fixture
-def start_long_session(start_session: Any, tmp_path: Path) -> Callable[..., Any]:
+def start_long_session(
+    start_session: Any, tmp_path: Path, recordings: Recordings
+) -> Callable[..., Any]:
     """Starts one that lasts until it is struck."""
 
     def start(*arguments: str, **how: Any) -> Any:
         (tmp_path / "long.yaml").write_text(LONG)
-        return start_session("cut_in", "--faults", str(tmp_path / "long.yaml"), *arguments, **how)
+        task = tmp_path / "long-task"
+        if not task.exists():
+            shutil.copytree(recordings.task("cut_in"), task)
+            limits = {"end.at_latest_s": LONG_S, "limits.duration_s": LONG_S}
+            change_on_site(task, limits, reason="the machine may be busy")
+        return start_session(str(task), "--faults", str(tmp_path / "long.yaml"), *arguments, **how)
 
     return start
 

@@ -108,6 +108,8 @@ def test_a_stamp_ahead_of_time(
             0.0625,
             5 * S,
         )
+        # Heartbeats measure the same.
+        assert found.detail == "its states are stamped ahead of time"
 
 
 # -- counts ---------------------------------------------------------------------------------------
@@ -250,6 +252,68 @@ def test_an_event_of_another_clock_or_run_counts_now_and_says_so(off_s: float) -
     )
 
 
-def test_an_event_that_was_under_way_keeps_its_time() -> None:
-    seen = limits.Violation(SafetyCode.OVER_SPEED, "ot1", 9.0, 8.0, 11_500_000_000, "seen by x")
-    assert limits.in_session_time(seen, 12_000_000_000) is seen
+@pytest.mark.parametrize("off_s", [-2.0, -0.5, 0.0, 2.0])
+def test_an_event_that_was_under_way_keeps_its_time(off_s: float) -> None:
+    stamp_ns = 12 * S + round(off_s * S)
+    seen = limits.Violation(SafetyCode.OVER_SPEED, "ot1", 9.0, 8.0, stamp_ns, "seen by x")
+    assert limits.in_session_time(seen, 12 * S) is seen
+
+
+# -- the manager's own lateness -------------------------------------------------------------------
+
+SEEM_SO_TO_A_LATE_MANAGER = {
+    SafetyCode.OBJECT_ABORTED,
+    SafetyCode.HEARTBEAT_LOST,
+    SafetyCode.WORLD_SILENT,
+    SafetyCode.VUT_SILENT,
+    SafetyCode.OBJECT_SILENT,
+    SafetyCode.REPLY_MISSING,
+    SafetyCode.ACK_MISSING,
+    SafetyCode.CLOCK_OFFSET,
+    SafetyCode.LINK_DELAY,
+    SafetyCode.PARTICIPANT_LOST,
+    SafetyCode.RECORDER,
+}
+
+
+@pytest.mark.parametrize("code", SafetyCode)
+def test_a_manager_that_stood_still_takes_only_silences_and_delays_on_itself(
+    code: SafetyCode,
+) -> None:
+    """Two that collided meanwhile did collide."""
+    violation = Violation(code, "ot1", 3.0, 0.5, 7)
+    reason = limits.own_lateness(violation, 3.0, 0.5)
+    if code in SEEM_SO_TO_A_LATE_MANAGER:
+        assert (reason.code, reason.object_id) == (SafetyCode.OVERRUN, "scenario_manager")
+        assert (reason.measured, reason.limit, reason.stamp_ns) == (3.0, 0.5, 7)
+        assert f"{MEANINGS[code].limit_name} of ot1" in reason.detail
+    else:
+        assert reason is violation
+
+
+def test_messages_that_a_recorder_lost_are_lost_however_late_the_manager_was() -> None:
+    loss = limits.too_many(SafetyCode.RECORDER, 3, 7, "messages lost by the recorder")
+    assert loss is not None
+    assert limits.own_lateness(loss, 3.0, 0.5) is loss
+
+
+@pytest.mark.parametrize(
+    ("code", "late_s", "is_own"),
+    [
+        (SafetyCode.OBJECT_ABORTED, 0.75, False),
+        (SafetyCode.OBJECT_ABORTED, 1.0, False),
+        (SafetyCode.OBJECT_ABORTED, 1.25, True),
+        (SafetyCode.HEARTBEAT_LOST, 0.75, False),
+        (SafetyCode.HEARTBEAT_LOST, 1.25, True),
+        # What the manager itself finds needs no heartbeat.
+        (SafetyCode.OBJECT_SILENT, 0.75, True),
+    ],
+)
+def test_an_object_that_bears_a_longer_pause_stopped_for_a_reason_of_its_own(
+    code: SafetyCode, late_s: float, is_own: bool
+) -> None:
+    """Its heartbeat limit is 1 s."""
+    violation = Violation(code, "ot1", 3.0, 0.3, 0)
+    reason = limits.own_lateness(violation, late_s, 1.0)
+    assert (reason.code is SafetyCode.OVERRUN) is is_own
+    assert is_own or reason is violation

@@ -198,6 +198,39 @@ def test_losses_and_other_managers(run: RunSpec, mode: str) -> None:
     assert codes(liveness, spec) == [C.FOREIGN_MANAGER]
 
 
+def test_each_finding_names_its_object_its_stamp_and_how_it_was_found(run: RunSpec) -> None:
+    liveness = liveness_at({}, links(offset_s=0.4, delay_s=0.6))
+    liveness.hear_recorder(True, (), 3, NOW_NS)
+    liveness.foreign = {"session_state": (2, "session_state has /x and /y")}
+    findings = liveness.violations(with_camera(run, "live"), RUNNING, NOW_NS, 7)
+    assert [(one.code, one.object_id, one.stamp_ns, one.detail) for one in findings] == [
+        (C.RECORDER, "", 7, "messages lost by the recorder"),
+        (C.FOREIGN_MANAGER, "", 7, "session_state has /x and /y"),
+        (C.LINK_DELAY, "ot1", 7, "measured by heartbeats"),
+        (C.CLOCK_OFFSET, "ot1", 7, "measured by heartbeats"),
+    ]
+
+
+def test_strangers_that_have_gone_are_no_reason_any_more(run: RunSpec) -> None:
+    liveness = liveness_at({})
+    liveness.hear_strangers(["2 publish a: ours, forger", "2 publish b: ours, forger"])
+    assert codes(liveness, run) == [C.FOREIGN_MANAGER]
+    assert liveness.facts(run, NOW_NS).other_managers == 2
+    liveness.hear_strangers([])
+    assert codes(liveness, run) == []
+    assert liveness.facts(run, NOW_NS).other_managers == 0
+
+
+def test_who_is_watched_follows_the_phase_and_the_run(run: RunSpec) -> None:
+    """The memory between two looks is of that phase and run alone."""
+    lockstep, realtime = (with_camera(run, mode) for mode in ("lockstep", "realtime"))
+    liveness = liveness_at({"ot1": 99.0})
+    assert codes(liveness, lockstep, ARMED) == [C.OBJECT_SILENT]
+    assert codes(liveness, lockstep, RUNNING) == []
+    assert codes(liveness, realtime, RUNNING) == [C.OBJECT_SILENT]
+    assert codes(liveness, lockstep, RUNNING) == []
+
+
 @pytest.mark.parametrize(("age_s", "known"), [(0.0, True), (2.0, True), (2.001, False)])
 def test_an_adapter_that_is_silent_says_nothing_any_more(
     run: RunSpec, age_s: float, known: bool
@@ -275,3 +308,10 @@ def test_objects_are_not_asked_to_arm_again_within_a_second_of_a_refusal(run: Ru
     liveness.begin_arming()
     assert liveness.facts(run, NOW_NS).refusals == {}
     assert not liveness.facts(run, NOW_NS).is_hopeless
+
+
+def test_a_refusal_that_may_pass_does_not_undo_one_that_lasts(run: RunSpec) -> None:
+    liveness = LivenessMonitor(links())
+    liveness.hear_refusal("ot1", "another K* version", True, NOW_NS)
+    liveness.hear_refusal("ot2", "no heartbeat", False, NOW_NS + MS)
+    assert liveness.facts(run, NOW_NS + MS).is_hopeless

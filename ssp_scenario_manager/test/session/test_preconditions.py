@@ -325,6 +325,7 @@ def test_who_contradicts_its_places_is_named(ask: Ask) -> None:
         ({"stamp_ns": NOW_NS - S - 1}, False),
         ({"stamp_ns": NOW_NS + S}, True),
         ({"stamp_ns": NOW_NS + S + 1}, False),  # a clock that is far off proves nothing
+        ({"control_state": ControlState.ARMED}, True),
         ({"control_state": ControlState.PRE_RUNNING}, False),
         ({"control_state": ControlState.RUNNING}, False),
         ({"control_state": ControlState.REMOTE_CONTROLLED}, False),
@@ -354,3 +355,31 @@ def test_who_is_asked(run: RunSpec, state: StateMaker) -> None:
     # What was never heard must prove that it stands only once it could have been set in motion.
     assert moving(run, None, {}, places, NOW_NS, armed=False) == []
     assert moving(run, None, {}, places, NOW_NS, armed=True) == ["vut", "ot1"]
+
+
+@pytest.mark.parametrize(("aborting", "who_moves"), [(False, []), (True, ["ot1"])])
+def test_only_in_an_abort_an_object_that_is_armed_and_stands_counts_as_moving(
+    run: RunSpec, state: StateMaker, aborting: bool, who_moves: list[str]
+) -> None:
+    places = {who: ConsistencyWatch(Bounds()) for who in ("vut", "ot1")}
+    vut, ot1 = state("vut", stamp_ns=NOW_NS), state("ot1", stamp_ns=NOW_NS)
+    targets = {"ot1": replace(ot1, control_state=ControlState.ARMED)}
+    abort: Changes = {"aborting": True} if aborting else {}
+    assert moving(run, vut, targets, places, NOW_NS, armed=True, **abort) == who_moves
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime", "live"])
+@pytest.mark.parametrize("covers_s", [0.0, 0.5, 0.98, 1.0, 1.5])
+def test_in_a_live_session_places_must_show_a_standstill_of_a_second(
+    run: RunSpec, state: StateMaker, mode: str, covers_s: float
+) -> None:
+    """A simulated world may hold, so that its places never cover one."""
+    places = {who: ConsistencyWatch(Bounds()) for who in ("vut", "ot1")}
+    for k in range(round(covers_s * 50) + 1):
+        for watch in places.values():
+            watch.take(k * S // 50, 5.0, 0.0, 0.0, 0.0)
+    vut, ot1 = state("vut", stamp_ns=NOW_NS), state("ot1", stamp_ns=NOW_NS)
+    spec = run.model_copy(update={"mode": mode})
+    stand = mode != "live" or covers_s >= 1.0
+    who_moves = [] if stand else ["vut", "ot1"]
+    assert moving(spec, vut, {"ot1": ot1}, places, NOW_NS, armed=True) == who_moves

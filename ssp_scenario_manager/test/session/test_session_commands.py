@@ -14,6 +14,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.session import outbox
+from ssp_scenario_manager.session.limits import Violation
 from ssp_scenario_manager.session.state_machine import (
     REFUSED_CONDITION,
     REFUSED_TRANSITION,
@@ -155,6 +156,16 @@ def test_what_was_heard_before_an_abort_clears_nothing(driver: Any, tools: Any) 
     assert driver.command("all_clear").accepted
 
 
+def test_an_abort_by_a_person_is_announced_with_who_why_and_when(driver: Any) -> None:
+    driver.until("ARMED")
+    driver.session.outbox.clear()
+    driver.session.command(SessionEvent.ABORT, 7 * S, "somebody", "rain")
+    event, change = driver.session.outbox
+    text = "abort by somebody: rain"
+    assert event == Violation(SafetyCode.OPERATOR, "", 0.0, 0.0, 7 * S, text)
+    assert (change.stamp_ns, change.reason) == (7 * S, text)
+
+
 # -- conditions -----------------------------------------------------------------------------------
 
 
@@ -212,8 +223,10 @@ def test_a_run_that_cannot_fire_is_not_loaded(driver: Any, run_mapping: dict[str
 def test_failed_arming_goes_back_and_disarms_all(driver: Any, tools: Any) -> None:
     driver.until("ARMED")
     driver.session.outbox.clear()
-    driver.session.arming_failed(0, "ot1 refused")
+    driver.session.arming_failed(7 * S, "ot1 refused")
     assert tools.changes(driver.session.outbox) == [("ARMED", "arm_failed", "CONNECTED")]
+    change = driver.session.outbox[0]
+    assert (change.stamp_ns, change.reason) == (7 * S, "ot1 refused")
     assert [f for f in driver.session.outbox if isinstance(f, outbox.ObjectCommand)] == [
         outbox.ObjectCommand.DISARM
     ]

@@ -168,10 +168,15 @@ def test_an_object_that_is_not_running_ends_the_session_without_saying_why(
     assert tools.violations(driver.session.outbox) == [code]
 
 
-@pytest.mark.parametrize("control", [ControlState.ARMED, ControlState.DISARMED])
-def test_an_object_that_never_began_is_not_waited_for(driver: Any, control: ControlState) -> None:
+@pytest.mark.parametrize("control", [ControlState.ARMED, ControlState.DISARMED, None])
+def test_an_object_that_never_began_is_not_waited_for(
+    driver: Any, control: ControlState | None
+) -> None:
+    """Nor is one that was never heard but by its refusal."""
     driver.until("RUNNING")
     driver.hear(control)
+    if control is None:
+        del driver.session.targets["ot1"]
     driver.session.on_ack("ot1-1", *NOT_RUNNING, driver.now_ns)
     assert driver.session.state is SessionPhase.ABORTING
     assert driver.session.reasons[0].startswith("reference_refused: ot1: 1")
@@ -255,6 +260,43 @@ def test_the_first_reason_gives_the_verdict(driver: Any, tools: Any) -> None:
     assert driver.session.verdict is Verdict.INVALID_HARNESS
     assert len(driver.session.reasons) == 2
     assert tools.changes(driver.session.outbox) == [("RUNNING", "abort", "ABORTING")]
+
+
+def test_the_abort_for_a_limit_says_which_and_has_its_time(driver: Any) -> None:
+    run_with(driver)
+    violation = Violation(SafetyCode.OVER_SPEED, "ot1", 20.0, 15.0, 3 * S)
+    driver.session.fail(violation)
+    event, change = driver.session.outbox
+    assert event is violation
+    assert (change.stamp_ns, change.reason) == (3 * S, "over_speed: ot1: 20 m/s, limit 15 m/s")
+
+
+@pytest.mark.parametrize(("late_s", "reason"), [(0.75, "object_aborted"), (1.25, "overrun")])
+def test_a_pause_that_an_object_bears_is_no_reason_for_its_stop(
+    make_driver: Callable[[RunSpec], Any], run: RunSpec, late_s: float, reason: str
+) -> None:
+    limits = run.limits.model_copy(update={"heartbeat_s": 1.0})
+    driver = make_driver(run.model_copy(update={"mode": "realtime", "limits": limits}))
+    run_with(driver)
+    driver.session.late_s = late_s
+    stop = Violation(SafetyCode.OBJECT_ABORTED, "ot1", 1.0, 0.0, driver.now_ns)
+    driver.session.fail(stop, announced=True)
+    assert driver.session.reasons[0].partition(":")[0] == reason
+
+
+@pytest.mark.parametrize(
+    ("late_s", "code"), [(0.0, SafetyCode.OBJECT_ABORTED), (0.75, SafetyCode.OVERRUN)]
+)
+def test_what_passes_a_limit_in_an_abort_without_a_run_is_announced_and_changes_nothing(
+    driver: Any, tools: Any, late_s: float, code: SafetyCode
+) -> None:
+    driver.command("abort")
+    driver.session.outbox.clear()
+    driver.session.late_s = late_s
+    driver.session.fail(Violation(SafetyCode.OBJECT_ABORTED, "ot1", 1.0, 0.0, 0))
+    assert tools.violations(driver.session.outbox) == [code]
+    assert len(driver.session.outbox) == 1
+    assert driver.session.state is SessionPhase.ABORTING
 
 
 def test_older_states_do_not_replace_newer_ones(driver: Any) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.reference import Reference
+from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
 from ssp_scenario_manager.session import outbox
@@ -144,6 +145,64 @@ def test_it_ends_only_when_everybody_stands(
     assert driver.session.state.name == phase
     driver.step(control_state=ControlState.POSTRUN)
     assert driver.session.state.name in ("FINISHED", "ABORTED")
+
+
+@pytest.mark.parametrize(
+    ("driven", "end_ns", "reason"),
+    [
+        (None, 3 * S // 2, "the event is resolved"),
+        (
+            Driven(driver="no_response", first_request_s=1.0, hand_over_s=2.0, end_s=9.0),
+            9 * S,
+            "the driven run is over",
+        ),
+    ],
+)
+def test_the_end_of_a_run_says_what_ended_it_and_when(
+    make_driver: Callable[[RunSpec], Any],
+    run: RunSpec,
+    driven: Driven | None,
+    end_ns: int,
+    reason: str,
+) -> None:
+    """A resolution ends no driven run."""
+    driver = make_driver(run.model_copy(update={"driven": driven}))
+    driver.now_ns = S
+    driver.until("RUNNING")
+    driver.session._run.event.resolved_ns = driver.now_ns
+    driver.acknowledge()
+    driver.step(end_ns - 20 * MS)
+    assert driver.session.state is SessionPhase.RUNNING
+    driver.step()
+    change = driver.session.outbox[0]
+    assert (change.event, change.reason, change.stamp_ns) == ("complete", reason, S + end_ns)
+
+
+def test_an_abort_is_over_only_when_every_object_has_heard_it(driver: Any) -> None:
+    """An object that stands and is armed would drive off at a command."""
+    driver.until("ARMED")
+    driver.command("abort")
+    driver.step(control_state=ControlState.ARMED)
+    assert driver.session.state is SessionPhase.ABORTING
+    driver.step(control_state=ControlState.ABORTING)
+    assert driver.session.state is SessionPhase.ABORTED
+
+
+def test_an_arrival_is_judged_along_the_path_that_the_vut_is_to_drive(
+    make_driver: Callable[[RunSpec], Any], run_mapping: dict[str, Any]
+) -> None:
+    """Its front, 3.6 m ahead, is 31 m from the anchor, then 29 m."""
+    arrival = {"type": "time_to_arrival", "anchor": [100.0, 0.0], "below_s": 3.0}
+    hold = {"id": "arrival", "object_id": "ot1", "manoeuvre": {"kind": "hold"}}
+    run_mapping["triggers"] = [{**hold, "condition": arrival}]
+    driver = make_driver(RunSpec.model_validate(run_mapping))
+    driver.until("RUNNING")
+    driver.acknowledge()
+    for x_m, count in ((65.4, 0), (67.4, 1)):
+        driver.move("vut", x_m=x_m, speed_mps=10.0)
+        driver.step()
+        decisions = [f for f in driver.acknowledge() if isinstance(f, outbox.TriggerDecision)]
+        assert len(decisions) == count
 
 
 def test_elapsed_time_begins_with_the_run(driver: Any) -> None:

@@ -28,8 +28,15 @@ S = 1_000_000_000
 
 
 def hear_all(liveness: LivenessMonitor, steady_ns: int) -> None:
-    for who in (names.SIL_WORLD, names.VUT_ID, "ot1", names.MONITOR):
+    for who in (names.SIL_WORLD, names.VUT_ID, "ot1", "ot2", names.MONITOR):
         liveness.hear(who, steady_ns)
+
+
+def two_objects(run_mapping: dict[str, Any]) -> RunSpec:
+    """The run with one more object, which stands beyond the first."""
+    start = {"x_m": 70.0, "y_m": 0.0, "yaw_rad": 0.0}
+    run_mapping["targets"].append({"id": "ot2", "object_class": "car", "start": start})
+    return RunSpec.model_validate(run_mapping)
 
 
 def test_the_session_is_told_the_facts(driver: Any) -> None:
@@ -40,6 +47,8 @@ def test_the_session_is_told_the_facts(driver: Any) -> None:
     watchdog.look(3 * S, 0)
     assert driver.session.facts.recorder_ready
     assert driver.session.facts.ages_s[names.MONITOR] == 1.0
+    # Who is asked for is known by the run.
+    assert set(driver.session.facts.links) == {"ot1"}
 
 
 @pytest.mark.parametrize("phase", ["ARMED", "RUNNING"])
@@ -68,6 +77,22 @@ def test_nobody_is_waited_for_before_or_after(driver: Any, tools: Any, phase: st
     Supervisor(driver.session, LivenessMonitor()).look(900 * S, driver.now_ns)
     assert driver.session.state.name == phase
     assert tools.violations(driver.session.outbox) == []
+
+
+@pytest.mark.parametrize("phase", ["LOADED", "CONNECTED", "FINISHED", "ABORTING"])
+def test_losses_and_strangers_end_only_what_is_armed_or_runs(
+    driver: Any, tools: Any, phase: str
+) -> None:
+    """They keep it from arming; what is over already has its reasons."""
+    tools.bring(driver, phase)
+    before = driver.session.reasons
+    driver.session.outbox.clear()
+    liveness = LivenessMonitor()
+    liveness.hear_recorder(True, (), 3, S)
+    liveness.hear_strangers(["2 publish a: ours, forger"])
+    Supervisor(driver.session, liveness).look(S, driver.now_ns)
+    assert driver.session.state.name == phase
+    assert (driver.session.reasons, driver.session.outbox) == (before, [])
 
 
 @pytest.mark.parametrize(("mode", "given_up"), [("realtime", True), ("live", False)])
@@ -256,6 +281,20 @@ def test_objects_have_their_time_to_arm(driver: Any, heard: ControlState | None)
     assert driver.session.state is SessionPhase.CONNECTED
 
 
+def test_all_that_did_not_arm_are_named_and_the_fall_back_has_its_time(
+    make_driver: Any, run_mapping: dict[str, Any]
+) -> None:
+    driver = make_driver(two_objects(run_mapping))
+    supervisor, targets = armed(driver), driver.session.targets
+    for who, state in targets.items():
+        targets[who] = replace(state, control_state=ControlState.PRE_ARMING)
+    supervisor.on_arm_commands(100 * S)
+    supervisor.look(100 * S + ARM_NS + 1, 7 * S)
+    change, _ = driver.session.outbox[-2:]
+    assert change.reason == f"ot1, ot2 did not arm in {ARM_CONFIRMATION_S:g} s"
+    assert (change.event, change.stamp_ns) == ("arm_failed", 7 * S)
+
+
 @pytest.mark.parametrize("phase", ["ARMED", "CONNECTED"])
 def test_nothing_to_wait_for(driver: Any, phase: str) -> None:
     supervisor, targets = armed(driver), driver.session.targets
@@ -310,12 +349,70 @@ def test_a_dead_world_confirms_nothing(driver: Any) -> None:
     ]
 
 
-@pytest.mark.parametrize(("silent_s", "given_up"), [(1.5, True), (0.5, False)])
+def test_a_realtime_world_is_dead_after_a_second_of_the_abort(
+    make_driver: Any, run: RunSpec
+) -> None:
+    aborting = Aborting(make_driver(run.model_copy(update={"mode": "realtime"})))
+    assert [aborting.gives_up(t, 95.0, t) for t in (100.0, 101.0, 101.1)] == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("mode", "world_silent_s", "silent_s", "stops_waiting"),
+    [
+        ("lockstep", 0.0, 0.5, False),
+        ("lockstep", 0.0, 1.0, False),
+        ("lockstep", 0.0, 1.5, True),
+        # While the world waits, nobody says anything.
+        ("lockstep", 5.0, 6.0, False),
+        ("lockstep", 5.0, 6.5, True),
+        ("lockstep", 60.0, WORLD_SILENT_LOCKSTEP_S + 1.0, False),
+        ("lockstep", 60.0, WORLD_SILENT_LOCKSTEP_S + 1.5, True),
+        # Here it waits for nobody.
+        ("realtime", 0.75, 1.0, False),
+        ("realtime", 0.75, 1.5, True),
+    ],
+)
 def test_an_object_that_is_silent_is_not_waited_for(
-    driver: Any, silent_s: float, given_up: bool
+    make_driver: Any,
+    run: RunSpec,
+    mode: str,
+    world_silent_s: float,
+    silent_s: float,
+    stops_waiting: bool,
 ) -> None:
     """The object isn't heard, and all others stand."""
-    assert Aborting(driver).gives_up(100.0, 100.0, 100.0 - silent_s) is given_up
+    aborting = Aborting(make_driver(run.model_copy(update={"mode": mode})))
+    assert aborting.gives_up(100.0, 100.0 - world_silent_s, 100.0 - silent_s) is stops_waiting
+
+
+@pytest.mark.parametrize(
+    ("mode", "stops_waiting"), [("lockstep", True), ("realtime", True), ("live", False)]
+)
+def test_the_time_of_a_simulated_world_counts_for_the_standstill_too(
+    make_driver: Any, run: RunSpec, mode: str, stops_waiting: bool
+) -> None:
+    """It may be far ahead of the steady clock; that of a live session may just have been set."""
+    driver = make_driver(run.model_copy(update={"mode": mode}))
+    driver.now_ns = 100 * S
+    aborting = Aborting(driver)
+    assert not aborting.gives_up(100.0, 100.0, 100.0)
+    driver.now_ns += round(ABORT_STANDSTILL_S * S)
+    assert not aborting.gives_up(100.1, 100.1, 100.1)
+    driver.now_ns += 1
+    assert aborting.gives_up(100.2, 100.2, 100.2) is stops_waiting
+
+
+def test_an_abort_without_a_run_waits_for_the_world_alone(driver: Any) -> None:
+    driver.command("abort")
+    liveness = LivenessMonitor()
+    liveness.hear_strangers(["2 publish a: ours, forger"])
+    watchdog = Supervisor(driver.session, liveness)
+    assert [watchdog.look(steady_ns, 0) for steady_ns in (S, 2 * S, 2 * S + 1)] == [
+        False,
+        False,
+        True,
+    ]
+    assert driver.session.state is SessionPhase.ABORTING
 
 
 def test_a_standstill_that_nobody_reports_is_given_up_once_and_by_name(driver: Any) -> None:
@@ -336,7 +433,12 @@ def test_a_standstill_that_nobody_reports_is_given_up_once_and_by_name(driver: A
 
 @pytest.mark.parametrize(
     ("control_state", "who"),
-    [(ControlState.RUNNING, "ot1"), (ControlState.ABORTING, "everything"), (None, "ot1")],
+    [
+        (ControlState.ARMED, "ot1"),
+        (ControlState.RUNNING, "ot1"),
+        (ControlState.ABORTING, "everything"),
+        (None, "ot1"),
+    ],
 )
 def test_who_stands_without_having_heard_the_abort_is_not_known_to_stand(
     driver: Any, control_state: ControlState | None, who: str
@@ -352,6 +454,19 @@ def test_who_stands_without_having_heard_the_abort_is_not_known_to_stand(
     (told,) = session.outbox
     assert told.reason == f"not known to stand: {who}"
     assert told.stamp_ns == driver.now_ns
+
+
+def test_all_that_are_not_known_to_stand_are_named(
+    make_driver: Any, run_mapping: dict[str, Any]
+) -> None:
+    driver = make_driver(two_objects(run_mapping))
+    session = Aborting(driver).driver.session
+    driver.move("ot2", speed_mps=3.0)
+    driver.hear()
+    session.outbox.clear()
+    session.give_up_on_standstill(driver.now_ns)
+    (told,) = session.outbox
+    assert told.reason == "not known to stand: ot1, ot2"
 
 
 def test_nothing_is_given_up_before_an_abort(driver: Any) -> None:
@@ -382,7 +497,10 @@ def test_the_wait_begins_anew_with_each_abort(driver: Any) -> None:
         (0.62, 0.3, 0.31, False),
         (-3.0, 0.1, 0.31, False),
         (math.inf, 0.3, 0.49, False),
+        # Just as long as the limit allows, without the pause.
+        (0.625, 0.25, 0.375, True),
         # Whatever it was, after half a second nothing is known.
+        (3.0, 0.3, 0.5, False),
         (3.0, 0.3, 0.51, True),
     ],
 )
