@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 from ssp_core import names
 from ssp_core.clock import seconds_to_ns
@@ -408,10 +409,14 @@ class Session:
             return []
         # What was heard before the abort is no proof.
         ids_with_state = {*targets, *([] if vut is None else [run.spec.vut.id])}
-        moving = preconditions.moving
-        unknown = set(moving(run.spec, vut, targets, run.history.motion, now_ns, armed=run.armed))
-        who = sorted(unknown | (ids_with_state - self._senders))
-        return [f"{i} is not known to stand" for i in who]
+        motion, armed = run.history.motion, run.armed
+        moving = partial(preconditions.moving, run.spec, vut, targets, motion, now_ns, armed=armed)
+        unknown, unaware = set(moving()), set(moving(aborting=True))
+        unknown |= ids_with_state - self._senders
+        return [
+            f"{i} is not known to stand" if i in unknown else f"{i} is armed: abort once more"
+            for i in sorted(unknown | unaware)
+        ]
 
     def _abort_by_operator(self, now_ns: int, requested_by: str, reason: str) -> None:
         text = f"abort by {requested_by}" + (f": {reason}" if reason else "")

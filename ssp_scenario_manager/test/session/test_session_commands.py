@@ -195,6 +195,21 @@ def test_all_clear_waits_for_standstill(driver: Any, tools: Any) -> None:
     assert driver.command("all_clear").accepted
 
 
+@pytest.mark.parametrize("control_state", [ControlState.PRE_ARMING, ControlState.ARMED])
+def test_an_armed_object_that_stands_is_not_cleared(
+    driver: Any, tools: Any, control_state: ControlState
+) -> None:
+    """The standstill of an abort doesn't count it either: it would drive if it were told to."""
+    tools.bring(driver, "ABORTED")
+    driver.hear(control_state)
+    missing = driver.command("all_clear").missing
+    assert missing == ("ot1 is armed: abort once more",)
+    assert driver.session.state is SessionPhase.ABORTED
+    assert driver.command("abort").accepted
+    driver.hear(ControlState.ABORTING)
+    assert driver.command("all_clear").accepted
+
+
 def test_what_is_no_command_is_a_bug_of_the_caller(driver: Any) -> None:
     for event in (SessionEvent.LOAD, SessionEvent.STANDSTILL, SessionEvent.COMPLETE):
         with pytest.raises(ValueError, match="no command"):
