@@ -174,10 +174,16 @@ def _list(table: Package, as_json: bool) -> None:
 
 
 def _notes(missing: Iterable[str], notes: Iterable[str]) -> None:
+    """Print what is missing, and each remark once with the first place that it is about."""
     for part in missing:
         console.note(f"missing: {part}")
+    places = dict[str, list[str]]()
     for text in notes:
-        console.note(f"note: {text}")
+        place, _, remark = text.partition(": ")
+        places.setdefault(remark or text, []).append(place)
+    for remark, (first, *others) in places.items():
+        more = f" and {len(others)} more" if others else ""
+        console.note(f"note: {first}{more}: {remark}" if first != remark else f"note: {remark}")
 
 
 def _progress_on(bar: RichProgress) -> Progress:

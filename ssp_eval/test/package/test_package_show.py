@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from ssp_core.cli import main
+from ssp_eval.package.cli import _notes
 from ssp_eval.package.model import load_table, object_path
 
 MODEL = "constant_velocity"
@@ -78,3 +79,15 @@ def test_a_walk_over_a_changed_file_is_refused(
     assert main(["package", "show", str(package), f"cut_in__simulation__{MODEL}:0"]) == 1
     assert f"{CELL}/raw.jsonl: was changed" in capsys.readouterr().err
     assert main(["package", "show", str(package), f"cut_in__physical__{MODEL}:0"]) == 0
+
+
+def test_a_remark_about_many_files_is_printed_once(capsys: pytest.CaptureFixture[str]) -> None:
+    black = "a control, its frames are black"
+    notes = [f"a/requests.jsonl: {black}", "no place", f"b/requests.jsonl: {black}", "c: one: two"]
+    _notes(["K* of a"], notes)
+    assert capsys.readouterr().err.splitlines() == [
+        "missing: K* of a",
+        f"note: a/requests.jsonl and 1 more: {black}",
+        "note: no place",
+        "note: c: one: two",
+    ]
