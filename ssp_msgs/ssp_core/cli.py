@@ -26,7 +26,7 @@ from ssp_core.host.terminal import end_at_once, lost_output, on_stop_signals, su
 VERBS: dict[str, tuple[str, str]] = {
     "demo": (
         "ssp_eval.demo:demo",
-        "Run both scenarios in three domains and report the scores.",
+        "Run example events in three domains and report the scores.",
     ),
     "spec": (
         "ssp_scenario_manager.cli.spec:spec",
@@ -101,7 +101,7 @@ VERBS: dict[str, tuple[str, str]] = {
     ),
     "build-core": (
         "ssp_eval.checkout:build_core",
-        "Compile the core of sessions to machine code, an option.",
+        "Compile the core of sessions to machine code (optional).",
     ),
     "check": ("ssp_eval.checkout:check", "Check format, lint and types of what changed."),
     "docs": ("ssp_eval.checkout:docs", "Build the site of the documentation."),

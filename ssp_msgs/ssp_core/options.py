@@ -71,5 +71,5 @@ class Domain(click.ParamType[DomainWord]):
     ) -> DomainWord:
         word = read_domain(value)
         if word is None:
-            self.fail(f"{value!r} is no domain; known are {DOMAINS_READ}", param, ctx)
+            self.fail(f"{value!r} is no domain; known: {DOMAINS_READ}", param, ctx)
         return word

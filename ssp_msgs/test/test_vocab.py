@@ -26,5 +26,5 @@ def test_a_domain_is_read_by_its_word_or_its_short_name(text: str, word: str | N
     if word is not None:
         assert Domain().convert(text, None, None) == word
         return
-    with pytest.raises(click.BadParameter, match=r"is no domain; known are synthetic, .* Phy"):
+    with pytest.raises(click.BadParameter, match=r"is no domain; known: synthetic, .* Phy"):
         Domain().convert(text, None, None)

@@ -170,7 +170,7 @@ def make_backend(name: str, options: Mapping[str, Any]) -> Backend:
             f"no such backend ({error})",
             field="backend",
             value=name,
-            remedy=f"known are {', '.join(sorted(BACKENDS))}; your own is given as module:factory",
+            remedy=f"known: {', '.join(sorted(BACKENDS))}; your own is given as module:factory",
         ) from error
     return factory(options)
 
@@ -220,7 +220,7 @@ def check_options(
             raise InputError(
                 f"is no option of {backend}",
                 field=f"backend_options.{key}",
-                remedy=f"known are {', '.join(sorted(option_types)) or 'none'}",
+                remedy=f"known: {', '.join(sorted(option_types)) or 'none'}",
             )
         required_type = option_types[key]
         # bool is an int to Python, and an int is a fine float.

@@ -289,7 +289,7 @@ def find_stages(interface: str) -> tuple[Stage, ...]:
             "has no prompt",
             field="backend_options.interface",
             value=interface,
-            remedy=f"known are {', '.join(sorted(PROMPTS))}",
+            remedy=f"known: {', '.join(sorted(PROMPTS))}",
         )
     return PROMPTS[interface]
 

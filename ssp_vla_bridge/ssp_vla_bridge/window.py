@@ -165,7 +165,7 @@ def find_interface(name: str) -> Interface:
             "unknown interface",
             field="interface",
             value=name,
-            remedy=f"known are {', '.join(sorted(INTERFACES))}",
+            remedy=f"known: {', '.join(sorted(INTERFACES))}",
         )
     return INTERFACES[name]
 

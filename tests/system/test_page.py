@@ -291,7 +291,7 @@ def test_server_comes_back_and_abort_is_tried_until_it_is_heard(stage: Stage, ta
     # Nobody is there to hear it, and a second press waits for no first one.
     tab.space()
     tab.space()
-    tab.wait(f"({ANSWERS}.match(/trying on/g) ?? []).length === 2")
+    tab.wait(f"({ANSWERS}.match(/still trying/g) ?? []).length === 2")
     keep(tab, "not-connected")
     stage.page(port)
     tab.wait(f"{BANNER}.hidden && {STATE}.startsWith('ABORT')")
@@ -308,7 +308,7 @@ def test_without_the_token_people_watch_and_abort(stage: Stage, tab: Browser) ->
         tab.wait(f"{BANNER}.hidden && ['LOADED', 'ABORTED'].includes({STATE})")
         assert "space bar" in tab.text("#abort-hint")
         assert tab.evaluate(f"{HINT}.display") != "none"
-        assert f"Watching and ABORT only: {why}" in tab.text("#no-token")
+        assert f"View and ABORT only: {why}" in tab.text("#no-token")
         stale = "ONLY ABORT WORKS IN THIS TAB" in tab.text("#no-token")
         assert stale == (why == "wrong token")
         buttons = "[...document.querySelectorAll('#commands button')]"

@@ -91,5 +91,5 @@ def test_of_two_runs_into_one_new_folder_the_later_is_refused(
 
         monkeypatch.setattr(module, "prepare_run", prepare_while_another_begins)
         assert ssp("run", task, "--no-camera", "--out", folder) == 1
-        assert f"{folder}: is what another command writes into" in capsys.readouterr().err
+        assert f"{folder}: is in use: another command is writing into it" in capsys.readouterr().err
         assert [entry.name for entry in folder.iterdir()] == [TAKEN_FILE]

@@ -37,7 +37,7 @@ def one_of(vocabulary: Sequence[str]) -> AfterValidator:
 
     def check(word: str) -> str:
         if word not in vocabulary:
-            raise ValueError(f"is outside the vocabulary; known are {', '.join(vocabulary)}")
+            raise ValueError(f"is outside the vocabulary; known: {', '.join(vocabulary)}")
         return word
 
     return AfterValidator(check)

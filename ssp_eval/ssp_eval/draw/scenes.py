@@ -157,7 +157,7 @@ def _of_world(recorded: DrawableRecording) -> Iterator[tuple[int, Scene]]:
             tick = decode_tick(message.data)
         except ValueError as error:
             raise InputError(
-                f"holds a message that is none: {error}",
+                f"has an invalid message: {error}",
                 file=recorded.bag.path,
                 field=TICK,
                 remedy="record the session again",

@@ -164,7 +164,7 @@ _PATH = click.Path(path_type=Path)
     multiple=True,
     help="Models file (ssp.models/1), YAML; see docs/bridges.md.",
 )
-@click.option("--out", type=_PATH, required=True, help="Campaign folder; an existing one goes on.")
+@click.option("--out", type=_PATH, required=True, help="Campaign folder; an existing one is continued.")
 @click.option(
     "--adapter", default="", help="Adapter that reads all answers; default: each model's own."
 )
@@ -274,7 +274,7 @@ def evaluate(
     bag: a refused one isn't evaluated; one that is unpaired or in no audit is scored but left out
     of domain means. Controls are asked too, unless they are switched off; the number of questions
     is printed before the first one. Exit status 1 if a cell has no score, also after a refusal; a
-    control without a score because of what it controls doesn't count.
+    control that fails because of its condition doesn't count.
     """
     if labels_files and len(labels_files) != len(bags):
         raise click.UsageError(

@@ -198,7 +198,7 @@ def _classes(
                 line=places[0],
                 field="class",
                 value=word,
-                remedy=f"known are {', '.join(OBJECTS)}",
+                remedy=f"known: {', '.join(OBJECTS)}",
             ),
         )
     for error in changed.values():

@@ -177,8 +177,8 @@ def new(
     edit confirms it. A recording without states gets a template with the label times and no
     statements yet.
 
-    The thresholds of a conflict are those of the K* in the bag, else of the run, else of --event or
-    of the shipped K* of the scenario, unless another version is named.
+    The thresholds of a conflict are those of the K* in the bag, else of --event, else of the
+    shipped K* of the scenario, unless another version is named. Without a K*, they are the run's.
     """
     if len(sources) > _MOST:
         raise click.UsageError(f"give at most {_MOST} recordings, one per domain")

@@ -323,7 +323,7 @@ def _changes(text: str) -> dict[str, Any]:
             changes[slot] = None if new_value == "null" else new_value
         else:
             slots = ", ".join([*_WORDS, *_LISTS, "risk_visible"])
-            raise _BadLine(f"there is no slot {slot!r}; known are {slots}")
+            raise _BadLine(f"there is no slot {slot!r}; known: {slots}")
     return changes
 
 

@@ -66,7 +66,7 @@ def _of_bag(path: Path, times_s: Sequence[float]) -> list[Picture | None]:
             image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
             if image is None:
                 raise InputError(
-                    f"holds a frame at {question.t_s:.3f} s that is none",
+                    f"has an invalid frame at {question.t_s:.3f} s",
                     file=path,
                     remedy="give a recording whose frames can be decoded",
                 )

@@ -113,7 +113,7 @@ class _Formats(click.ParamType[tuple[str, ...]]):
         names = tuple(dict.fromkeys(part.strip() for part in value.split(",")))
         for name in names:
             if name not in FORMATS:
-                self.fail(f"{name!r} is no format; known are {', '.join(FORMATS)}", param, ctx)
+                self.fail(f"{name!r} is no format; known: {', '.join(FORMATS)}", param, ctx)
         return names
 
 

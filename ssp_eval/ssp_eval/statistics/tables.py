@@ -566,7 +566,7 @@ def foundation_table(
             "is no model with a valid cell",
             field="--reference",
             value=reference,
-            remedy=f"known are {', '.join(sorted(means_by_model)) or 'none'}",
+            remedy=f"known: {', '.join(sorted(means_by_model)) or 'none'}",
         )
     facts = {row.model: row for row in rows}
     base = means_by_model[reference] if reference is not None else None

@@ -83,7 +83,7 @@ def decoded(bag: BagReader, message: BagMessage, decode: Callable[[bytes], Decod
         return decode(message.data)
     except ValueError as error:
         raise InputError(
-            f"holds a message at {message.log_time_ns} ns that is none: {error}",
+            f"has an invalid message at {message.log_time_ns} ns: {error}",
             file=bag.path,
             field=message.topic,
             remedy="record the session again",

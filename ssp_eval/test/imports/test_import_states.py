@@ -245,7 +245,7 @@ WRONG_TEXTS: list[tuple[str, Callable[[str], str], str]] = [
     (
         "an unknown class",
         with_text("car", "lorry", 300),
-        "states.csv:300: class: is no class [table] (got 'lorry'); known are car, truck",
+        "states.csv:300: class: is no class [table] (got 'lorry'); known: car, truck",
     ),
     (
         "a class that changes",

@@ -182,7 +182,7 @@ def test_a_missing_answer_is_named(path: str, bag: Path, tmp_path: Path) -> None
 
 
 def test_a_field_that_nobody_asked_for_is_refused(bag: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"is not a known key \(got 3\); known are"):
+    with pytest.raises(InputError, match=r"is not a known key \(got 3\); known:"):
         loaded(bag, tmp_path, {**answers(), "speed_mps": 3})
 
 

@@ -193,7 +193,7 @@ SCORES = [
     ("twice", lambda t: t.replace('"stfr"', '"cia_eff"', 1), "key 'cia_eff' stands twice"),
     ("unknown", lambda t: t.replace("{", '{"ivs": 1,', 1), "ivs: .*did you mean ivcs"),
     ("inner", lambda t: t.replace('"cia": ', '"cai": 1, "cia": '), "denominators.cai: .*mean cia"),
-    ("schema", lambda t: t.replace("{", '{"schema": "ssp.score/2",', 1), "schema: .*known are n, "),
+    ("schema", lambda t: t.replace("{", '{"schema": "ssp.score/2",', 1), "schema: .*known: n, "),
     ("cut", lambda t: t[: t.index("denominators")], NOT_WHOLE),
     ("list", lambda t: f"[{t}]", "must hold a mapping at its top"),
     ("none", lambda t: "null", "must hold a mapping at its top"),

@@ -199,7 +199,7 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_order(cells: Path, tmp_
         (
             ("--from-cells", "{cells}", "--out", "{out}", "--reference", "z", *FEW),
             1,
-            "--reference: is no model with a valid cell (got 'z'); known are a, b, c",
+            "--reference: is no model with a valid cell (got 'z'); known: a, b, c",
         ),
         (("--from-cells", "{missing}", "--out", "{out}"), 1, "none.csv: can't be read"),
         (("--from-cells", "{cells}", "--out", "{cells}/x", *FEW), 1, "is no folder"),

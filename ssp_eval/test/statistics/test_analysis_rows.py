@@ -234,7 +234,7 @@ def replaced(column, value):
             '"0,5"',
             "valid number, unable to parse string as a number (got '0,5'); scores",
         ),
-        ("domain", "Phys", "is no domain; known are synthetic"),
+        ("domain", "Phys", "is no domain; known: synthetic"),
         ("model", " ", "Field required"),
     ],
 )

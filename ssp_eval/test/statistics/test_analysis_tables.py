@@ -105,7 +105,7 @@ def test_foundation_models_are_compared_with_the_reference():
     assert a["d_rsr"] is None
     notes = " ".join(tables(reference="b")["foundation_models"].notes)
     assert "not scored on the same cells" in notes
-    with pytest.raises(InputError, match=r"no model with a valid cell.*known are a, b"):
+    with pytest.raises(InputError, match=r"no model with a valid cell.*known: a, b"):
         tables(reference="perfect")
 
 

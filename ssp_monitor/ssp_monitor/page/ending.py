@@ -17,9 +17,9 @@ NEXT: dict[Verdict, str] = {
     Verdict.NONE: "look at the terminal: the run has no verdict",
     Verdict.VALID: "check the recording, then prepare the next run in the terminal",
     Verdict.OFF_SPEC: "compare the measured event in result.json with the K*, then repeat the run",
-    Verdict.ABORTED: "mend the cause that is named, then repeat the run",
+    Verdict.ABORTED: "fix the named cause, then repeat the run",
     Verdict.FAILED_SAFETY: "stop, and find out why before the next run",
-    Verdict.INVALID_HARNESS: "mend the equipment; this recording counts for nothing",
+    Verdict.INVALID_HARNESS: "fix the equipment; this recording is unusable",
 }
 NEXT_BY_HAND = "repeat the run, once the reason for the abort is gone"
 _UNARMED = (SessionPhase.IDLE, SessionPhase.LOADED, SessionPhase.CONNECTED)

@@ -90,7 +90,7 @@ def _created_alone(file: Path) -> int:
             if _is_left_behind(file):
                 continue
             raise InputError(
-                "is what another command writes into just now",
+                "is in use: another command is writing into it",
                 file=file.parent,
                 remedy=f"wait until that has ended, or name another folder ({file.name} says so)",
             ) from None

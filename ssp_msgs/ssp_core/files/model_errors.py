@@ -128,7 +128,7 @@ def _failure(path: str, of_one: list[ErrorDetails], model: type[BaseModel]) -> I
             "is not known here",
             field=f"{path}.{key}" if path else key,
             value=tag,
-            remedy=f"known are {words['expected_tags'].replace(chr(39), '')}",
+            remedy=f"known: {words['expected_tags'].replace(chr(39), '')}",
         )
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
         return InputError(
@@ -167,7 +167,7 @@ def known_keys(model: type[Any], location: tuple[str | int, ...]) -> str:
     near = get_close_matches(str(key)[:_LONGEST_KEY], keys, n=2, cutoff=0.6)
     sentences = [f"did you mean {' or '.join(near)}?"] if near else []
     if keys and (not near or len(keys) <= _MOST_KEYS):
-        sentences.append(f"known are {', '.join(keys)}")
+        sentences.append(f"known: {', '.join(keys)}")
     return " ".join(sentences) or "remove it"
 
 

@@ -369,8 +369,8 @@ def test_all_failures_are_named_each_with_its_remedy() -> None:
     assert str(caught.value) == (
         "t.yaml: has 3 errors:\n"
         "  rows: Field required; add it\n"
-        "  a: is not a known key (got 1); known are rows\n"
-        "  row: is not a known key (got 2); did you mean rows? known are rows"
+        "  a: is not a known key (got 1); known: rows\n"
+        "  row: is not a known key (got 2); did you mean rows? known: rows"
     )
     in_line = caught.value.in_line(3)
     assert str(in_line).startswith("t.yaml:3: has 3 errors:\n  rows: Field required; add it\n")

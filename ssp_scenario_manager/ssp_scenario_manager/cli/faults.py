@@ -50,7 +50,7 @@ DEFAULT_OUT = Path("out") / "faults"
     "--only",
     multiple=True,
     metavar="REGEX",
-    help="Only rows whose name contains this; repeatable.",
+    help="Only rows whose name matches this somewhere; repeatable.",
 )
 @click.option(
     "--stage",
@@ -69,7 +69,7 @@ DEFAULT_OUT = Path("out") / "faults"
 @click.option(
     "--in-process",
     is_flag=True,
-    help="Without processes: only the faults of objects, links and session; takes seconds.",
+    help="Without processes: only the faults of objects, links and session; takes a minute.",
 )
 @click.option(
     "--out",

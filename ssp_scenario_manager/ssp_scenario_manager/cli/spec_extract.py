@@ -293,7 +293,7 @@ def review_command(
             file=file,
             field="schema",
             value=schema,
-            remedy=f"known are {', '.join([SCHEMA, *REVIEWERS])}",
+            remedy=f"known: {', '.join([SCHEMA, *REVIEWERS])}",
         )
     reviewed = EventUnderReview(file, log, who, utc_now)
     check_not_refused(file, reviewed.event.name, log)

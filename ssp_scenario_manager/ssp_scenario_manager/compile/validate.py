@@ -79,7 +79,7 @@ def _check_verdict(file: Path) -> None:
     run_result = read_mapping(file)
     if run_result.get("verdict") != _VALID or run_result.get("reasons") != []:
         raise InputError(
-            "is of a run that doesn't validate anything",
+            "is from a run that can't validate anything",
             file=file,
             field="verdict" if run_result.get("verdict") != _VALID else "reasons",
             value=run_result.get("verdict")
@@ -95,7 +95,7 @@ def _check_recorded(reader: BagReader) -> None:
     verdict = int(states[-1].verdict) if states else int(Verdict.NONE)
     if verdict != Verdict.VALID:
         raise InputError(
-            "is of a run that doesn't validate anything, by the session's last word in it",
+            "is from a run that can't validate anything, by the last session state in it",
             file=reader.path,
             field=SESSION_STATE,
             value=Verdict(verdict).name.lower() if verdict in tuple(Verdict) else verdict,

@@ -272,7 +272,7 @@ def _cell(text: str, old: dict[str, Any]) -> dict[str, Any]:
         raise Unreadable("type words to change, such as: motion=stationary lateral=none")
     unknown = [key for key, _ in pairs if key not in old]
     if unknown:
-        raise Unreadable(f"there is no {unknown[0]!r} here; known are {', '.join(old)}")
+        raise Unreadable(f"there is no {unknown[0]!r} here; known: {', '.join(old)}")
     return {**old, **{key: None if word == "null" else word for key, word in pairs}}
 
 

@@ -177,7 +177,7 @@ class LiveSetup:
         """
         if "navsat" in self.receiver and spec.datum is None:
             raise InputError(
-                "is missing: where the site lies is unknown, and --navsat gives latitudes",
+                "is missing: --navsat gives latitude and longitude, and the site's position is unknown",
                 field="datum",
                 value=spec.site,
                 remedy="give the site file a datum and compile again (docs/sites.md)",

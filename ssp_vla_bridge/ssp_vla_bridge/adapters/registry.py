@@ -89,13 +89,13 @@ def check_adapter(adapter_name: str) -> tuple[str, str]:
             "unknown adapter",
             field="adapter",
             value=adapter_name,
-            remedy=f"known are {', '.join(sorted(ADAPTERS))}",
+            remedy=f"known: {', '.join(sorted(ADAPTERS))}",
         )
     if (mode or adapter.modes[0]) not in adapter.modes:
         raise InputError(
             "unknown mode of the adapter",
             field="adapter",
             value=adapter_name,
-            remedy=f"known are {', '.join(f'{name}:{one}' for one in adapter.modes)}",
+            remedy=f"known: {', '.join(f'{name}:{one}' for one in adapter.modes)}",
         )
     return name, mode or adapter.modes[0]

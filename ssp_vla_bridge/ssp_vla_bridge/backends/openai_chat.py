@@ -160,7 +160,7 @@ def read_options(options: Mapping[str, Any]) -> Options:
             "is nothing that can be turned",
             field="backend_options.give_back",
             value=give_back,
-            remedy=f"known are {', '.join(FACTS)}",
+            remedy=f"known: {', '.join(FACTS)}",
         )
     if (images := options.get("images")) not in (None, NO_IMAGES):
         raise InputError(

@@ -405,7 +405,7 @@ def test_a_plan_that_begins_later_begins_at_the_vut_and_its_past_is_left_out() -
         ({"url": "http://127.0.0.1:50051"}, "is no address"),
         ({"url": "grpc://127.0.0.1"}, "grpc://127.0.0.1:50051"),
         ({"url": "grpc://127.0.0.1:1", "deadline_s": 0.0}, "0.05 to 3600 s"),
-        ({"url": "grpc://127.0.0.1:1", "deadlines": 1}, "known are url, deadline_s"),
+        ({"url": "grpc://127.0.0.1:1", "deadlines": 1}, "known: url, deadline_s"),
     ],
 )
 def test_a_wrong_or_open_connection_is_refused(given: dict[str, Any], why: str) -> None:

@@ -135,7 +135,7 @@ def test_a_server_that_refuses_a_beginning_is_named(service, make_openai, make_r
 
 def test_an_unknown_fact_is_refused() -> None:
     options = {"base_url": "http://127.0.0.1:9/v1", "model": "seer-7b", "give_back": "weather"}
-    with pytest.raises(InputError, match="known are object, side, action, control"):
+    with pytest.raises(InputError, match="known: object, side, action, control"):
         read_options(options)
 
 

@@ -134,7 +134,7 @@ def test_waypoints_are_as_many_as_the_task_asks(make_request, step_s, horizon_s,
 
 
 def test_an_interface_without_prompts_is_named():
-    with pytest.raises(InputError, match=r"alpamayo.*known are lightemma, llavida, openemma"):
+    with pytest.raises(InputError, match=r"alpamayo.*known: lightemma, llavida, openemma"):
         find_stages("alpamayo")
 
 

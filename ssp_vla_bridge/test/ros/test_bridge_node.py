@@ -297,7 +297,7 @@ def test_health_is_said_and_names_the_error(bridge, asker, make_request):
 
 def test_wrong_parameters_stop_it_with_the_reason(bridge):
     for parameters, words in (
-        ({"model": "no_such_model"}, "known are"),
+        ({"model": "no_such_model"}, "known:"),
         ({"model": "a/b"}, "letters, digits and underscores"),
         ({"model": "silent", "queue_limit": 0}, "queue_limit"),
         ({"model": "silent", "timeout_s": 0.0}, "timeout_s"),

@@ -342,7 +342,7 @@ def _check_keys(entry: Any, file: str | None, field: str) -> None:
                 "is no key of a model",
                 file=file,
                 field=f"{field}.{key}",
-                remedy=f"known are {', '.join(ModelEntry.model_fields)}; what the backend is to "
+                remedy=f"known: {', '.join(ModelEntry.model_fields)}; what the backend is to "
                 "know stands under options",
             )
 
@@ -571,7 +571,7 @@ def check_bridge(model: ModelSpec) -> None:
             "no such bridge",
             field="bridge",
             value=backend,
-            remedy=f"known are {', '.join(sorted(BACKENDS))}, and module:factory; a model of "
+            remedy=f"known: {', '.join(sorted(BACKENDS))}, and module:factory; a model of "
             'another name says which it is, NAME={"backend": …}; a node of your own is started by '
             "itself and named with --attach",
         )

@@ -29,7 +29,7 @@ def _answers(answers: Mapping[str, str]) -> dict[str, str]:
     """Return the answers to all questions about a text, without the comment."""
     for name in answers:
         if name not in (*SLOT_NAMES, _COMMENT):
-            raise ValueError(f"{name}: is not a known key; known are {', '.join(SLOT_NAMES)}")
+            raise ValueError(f"{name}: is not a known key; known: {', '.join(SLOT_NAMES)}")
     for name in SLOT_NAMES:
         if name not in answers:
             raise ValueError(f"{name}: is missing")
@@ -43,7 +43,7 @@ def _answer(slot: str, value: str) -> str:
     allowed = (*VOCABULARIES[slot], *sorted(alone))
     if not set(parts) <= set(allowed):
         raise ValueError(
-            f"{slot}: {value!r} is outside the vocabulary; known are {', '.join(allowed)}, where "
+            f"{slot}: {value!r} is outside the vocabulary; known: {', '.join(allowed)}, where "
             f"{NONE} is what the text says nothing about, and {UNSURE} where you are"
         )
     if len(parts) > 1 and alone.intersection(parts):

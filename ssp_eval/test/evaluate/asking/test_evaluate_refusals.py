@@ -22,7 +22,7 @@ BagMaker = Callable[..., Path]
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--bridge", "nonsense"), "known are alpamayo, constant_velocity"),
+        (("--bridge", "nonsense"), "known: alpamayo, constant_velocity"),
         (("--bridge", 'silent={"loud": 1}'), "is no option of silent"),
         (("--bridge", 'perfect={"loud": 1}'), "is no option of perfect"),
         (("--bridge", 'perfect={"clip_start_ns": "now"}'), "must be of type int"),
@@ -41,7 +41,7 @@ BagMaker = Callable[..., Path]
         (("--bridge", 'm={"backend": "python"}'), "function: is missing; give module:function"),
         (("--bridge", 'm={"backend": "python", "function": "my_model"}'), "names no function"),
         (("--bridge", 'm={"backend": "python", "function": "m:"}'), "names no function"),
-        (("--bridge", 'm={"backend": "python", "functon": "m:f"}'), "known are first_time_s"),
+        (("--bridge", 'm={"backend": "python", "functon": "m:f"}'), "known: first_time_s"),
         (("--bridge", 'm={"backend": "python", "function": "m:f", "step_s": 0}'), "[0.001, 60] s"),
         (("--bridge", "silent", "--adapter", "nonsense"), "unknown adapter"),
     ],

@@ -19,7 +19,7 @@ export class Answers {
     while (this.element.children.length > MOST) this.element.lastElementChild.remove();
     return {
       again: (tries, why) => {
-        this.write(line, name, `not heard yet, trying on (${tries}): ${why}`, "bad");
+        this.write(line, name, `not heard yet, still trying (${tries}): ${why}`, "bad");
       },
       end: (answer) => {
         this.finish(line, name, answer);

@@ -68,8 +68,8 @@ function deny(why) {
   const wrong = why === "wrong token";
   note.hidden = false;
   note.className = wrong ? "banner dead" : "banner warn";
-  const text = `Watching and ABORT only: ${why}. All other commands are refused here. ` +
-    "Open the page by the address that it printed, with #token= in it.";
+  const text = `View and ABORT only: ${why}. All other commands are refused here. ` +
+    "Open the page at the address with #token= that was printed when it started.";
   if (note.dataset.why === why) return;
   note.dataset.why = why;
   note.replaceChildren(...(wrong ? [make("strong", "ONLY ABORT WORKS IN THIS TAB")] : []),

@@ -44,7 +44,7 @@ export function staleness(snapshot, silentMs, refusal) {
     if (!snapshot.abort_unheard) return { head: "", text: "", blind: false, leaderless: false };
     return {
       head: "ABORT NOT HEARD",
-      text: "no scenario manager takes it yet; a press is tried again until one does.",
+      text: "no scenario manager accepts ABORT yet; a press is repeated until one does.",
       blind: false,
       leaderless: false,
     };

@@ -321,7 +321,7 @@ class Frames:
 
     def _refuse(self, log_time_ns: int, problem: str) -> None:
         raise InputError(
-            f"holds a frame at {log_time_ns} ns that is none: {problem}",
+            f"has an invalid frame at {log_time_ns} ns: {problem}",
             file=self.bag.path,
             field=self.topic,
             remedy="record the bag again",

@@ -382,7 +382,7 @@ def _states(bag: BagReader, message: BagMessage) -> Iterator[ObjectState]:
             yield object_state(decoded)
     except ValueError as error:
         raise InputError(
-            f"holds a state at {message.log_time_ns} ns that is none: {error}",
+            f"has an invalid state at {message.log_time_ns} ns: {error}",
             file=bag.path,
             field=message.topic,
             remedy="record the bag again",

@@ -103,7 +103,7 @@ def read_row(row: Row) -> RunRow:
 def _check_cell(column: str, text: str) -> None:
     """Refuse a word that a column doesn't have, and what is no number in one of numbers."""
     if column in _WORDS and text not in _WORDS[column]:
-        remedy = f"known are {', '.join(_WORDS[column])}"
+        remedy = f"known: {', '.join(_WORDS[column])}"
         raise InputError("is not a known word", field=column, value=text, remedy=remedy)
     try:
         if column in _WHOLE and not 0 <= int(text) < 2**63:

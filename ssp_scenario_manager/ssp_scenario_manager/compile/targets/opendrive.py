@@ -76,7 +76,7 @@ def _sides(block: Block) -> _Sides:
     gap = min(lane.y_m - lane.width_m / 2 for lane in left) - middle
     if gap < -_TOUCH_M:
         raise InputError(
-            "has lanes of both directions between each other, which OpenDRIVE can't tell",
+            "mixes the lanes of both directions, which OpenDRIVE can't express",
             field="block",
             value=block.block_id,
             remedy="put the lanes of one direction on one side",
