@@ -164,7 +164,9 @@ _PATH = click.Path(path_type=Path)
     multiple=True,
     help="Models file (ssp.models/1), YAML; see docs/bridges.md.",
 )
-@click.option("--out", type=_PATH, required=True, help="Campaign folder; an existing one is continued.")
+@click.option(
+    "--out", type=_PATH, required=True, help="Campaign folder; an existing one is resumed."
+)
 @click.option(
     "--adapter", default="", help="Adapter that reads all answers; default: each model's own."
 )

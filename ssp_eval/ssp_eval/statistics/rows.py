@@ -281,9 +281,7 @@ _MOST_COLUMNS = 1000
 def _domain(text: str) -> str:
     word = MACRO if text.casefold() == MACRO else read_domain(text)
     if word is None:
-        raise ValueError(
-            f"is no domain; known: {DOMAINS_READ}, and {MACRO} for a mean over them"
-        )
+        raise ValueError(f"is no domain; known: {DOMAINS_READ}, and {MACRO} for a mean over them")
     return word
 
 

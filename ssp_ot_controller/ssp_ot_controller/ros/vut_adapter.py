@@ -78,7 +78,7 @@ class VutAdapter(Node):
     def _hear_gnss(self, run: RunSpec, parameters: dict[str, Any], lever: LeverArm) -> None:
         if run.datum is None:
             raise InputError(
-                "is missing: --navsat gives latitude and longitude, and the site's position is unknown",
+                "is missing: --navsat gives latitudes, and the site's position is unknown",
                 file=parameters["run_file"],
                 field="datum",
                 remedy="give the site file one, compile again, or take --odometry in frame map",

@@ -177,7 +177,7 @@ class LiveSetup:
         """
         if "navsat" in self.receiver and spec.datum is None:
             raise InputError(
-                "is missing: --navsat gives latitude and longitude, and the site's position is unknown",
+                "is missing: --navsat gives latitudes, and the site's position is unknown",
                 field="datum",
                 value=spec.site,
                 remedy="give the site file a datum and compile again (docs/sites.md)",

@@ -24,8 +24,8 @@ LOST_S = 3.0
 _FIGURE = re.compile(r"[0-9]+(?:\.[0-9]+)?")
 PROMPT = (
     f'type "{START}" to connect, arm and start: objects drive off at once. It is valid '
-    f'for {HOLDS_S:g} s. "{ABORT}" and Ctrl-C cancel now, and abort once the run has begun; anything '
-    "else asks again"
+    f'for {HOLDS_S:g} s. "{ABORT}" and Ctrl-C cancel now, and abort once the run has begun; '
+    "anything else asks again"
 )
 
 
