@@ -368,7 +368,8 @@ class StepwiseClient:
         self._waiting, self._start_request_at, self._refusal = None, None, ()
         if not_after_ns:
             start_by_ns = now_ns + not_after_ns - time.time_ns()
-            self._script = RunScript(self._run_file, now_ns, start_by_ns, self._run_file)
+            file, state = self._run_file, self._session
+            self._script = RunScript(file, now_ns, start_by_ns, file, state)
         else:
             self._script = RunScript(self._run_file, now_ns)
 
@@ -451,3 +452,5 @@ class StepwiseClient:
 
     def _on_session(self, message: SessionState) -> None:
         self._session = SessionPhase(message.state)
+        if message.event == SessionEvent.ARM_FAILED.value:
+            self._script.on_setback(message.reason)

@@ -24,6 +24,7 @@ from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import (
     REFUSED_OUTDATED,
     REFUSED_SESSION,
+    REFUSED_TRANSITION,
     Answer,
     SessionEvent,
 )
@@ -168,7 +169,8 @@ class SessionServices:
             holds_ns = min(not_after_ns - time.time_ns(), seconds_to_ns(LONGEST_WORD_S))
             start_by_ns = now_ns + holds_ns
         self._goal = goal
-        self._script = RunScript(request.run_file, now_ns, start_by_ns, self._own.run_file)
+        loaded, state = self._own.run_file, self._session.state
+        self._script = RunScript(request.run_file, now_ns, start_by_ns, loaded, state)
 
     def _on_cancel(self, _: Any) -> CancelResponse:
         self._command(SessionEvent.ABORT, WHO, "goal cancelled")
@@ -208,10 +210,15 @@ class SessionServices:
     def _on_load(
         self, request: LoadScenario.Request, response: LoadScenario.Response
     ) -> LoadScenario.Response:
-        problem = self._own.problem(request.session_token)
-        answer = (
-            Answer(False, REFUSED_SESSION, problem) if problem else self._load(request.run_file)
-        )
+        if problem := self._own.problem(request.session_token):
+            answer = Answer(False, REFUSED_SESSION, problem)
+        elif self._goal is not None:
+            # A word that was given for one run must not start another.
+            answer = Answer(
+                False, REFUSED_TRANSITION, "a run_scenario goal is under way: cancel it"
+            )
+        else:
+            answer = self._load(request.run_file)
         response.accepted = answer.accepted
         response.error_code = answer.error_code
         response.error_msg = answer.error_msg

@@ -33,10 +33,16 @@ class RunScript:
         start_by_ns: a person's word holds until then, and no step is tried later; None: each step
             is tried for PATIENCE_S.
         loaded: run file that the session has loaded; empty: none.
+        state: of the session when the goal came.
     """
 
     def __init__(
-        self, run_file: str, now_ns: int, start_by_ns: int | None = None, loaded: str = ""
+        self,
+        run_file: str,
+        now_ns: int,
+        start_by_ns: int | None = None,
+        loaded: str = "",
+        state: SessionPhase = SessionPhase.IDLE,
     ) -> None:
         self.run_file = run_file
         self.not_in_time = False
@@ -47,6 +53,7 @@ class RunScript:
         self.has_begun = False
         self._deadline_ns = now_ns
         self._furthest_state: SessionPhase | None = None
+        self._is_armed = state is SessionPhase.ARMED
         self._refusal: tuple[str, ...] = ()
         self._unconfirmed = False
 
@@ -69,6 +76,10 @@ class RunScript:
         if state is SessionPhase.IDLE:
             self._end(("the session was reset by somebody else",))
             return None
+        if self._is_armed and state is SessionPhase.CONNECTED:
+            self._end(("the session was disarmed by somebody else",))
+            return None
+        self._is_armed = state is SessionPhase.ARMED
         # Only progress buys more time: an object that never arms must not go on for ever.
         if self._furthest_state is None or state > self._furthest_state:
             self._furthest_state = state
@@ -112,16 +123,13 @@ class RunScript:
         return "" if self.finished else "; ".join(self._refusal)
 
     def on_setback(self, reason: str) -> None:
-        """Take the reason why an accepted command came to nothing."""
+        """Take the reason why an accepted command came to nothing: an object didn't arm."""
         self._refusal = (reason,)
+        self._is_armed = False
 
     def standstill_unconfirmed(self) -> None:
         """Take that the session aborts and no participant can report a standstill."""
         self._unconfirmed = True
-
-    def refuse(self, problem: str) -> None:
-        """End a goal that isn't for this session."""
-        self._end((problem,))
 
     def _end(self, problems: tuple[str, ...]) -> None:
         self.finished = True

@@ -127,6 +127,10 @@ class Session:
         if event is SessionEvent.STOP and self._run is not None:
             self._run.end_early(requested_by, now_ns)
         why = reason or f"requested by {requested_by}"
+        if event is SessionEvent.ALL_CLEAR and self._run is None:
+            why += (
+                "; no run is loaded, so no object was cleared: load theirs, abort and clear again"
+            )
         if event is SessionEvent.ARM and self._run is not None:
             why += f"; {self._run.blind_text}"
             for object_id, rules in self.facts.rules.items():
@@ -340,7 +344,8 @@ class Session:
         if ending and self.stands(now_ns):
             if self.state is SessionPhase.STOPPING and run:
                 run.verdict.close()
-            self._move(SessionEvent.STANDSTILL, now_ns, "everything stands")
+            why = "everything stands" if run else "no run is loaded: what moves isn't known"
+            self._move(SessionEvent.STANDSTILL, now_ns, why)
 
     # -- inside --------------------------------------------------------------------------------
 

@@ -15,6 +15,7 @@ from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, SessionCommand
 from ssp_scenario_manager.session.run_script import PATIENCE_S
+from ssp_scenario_manager.session.state_machine import REFUSED_TRANSITION
 from tests.support.processes.patience import patient
 from tests.support.processes.waiting import DEADLINE_S
 
@@ -103,6 +104,29 @@ def test_a_simulated_manager_takes_no_live_run(
     # Without a token, a simulated session is led as before.
     obtained(peers, "connect")
     prints_its_token(manager, peers)
+
+
+def test_no_other_run_is_loaded_while_a_goal_is_under_way(
+    peers: Any, live: Path, run_mapping: dict[str, Any], tmp_path: Path
+) -> None:
+    """A person's word for one run armed and started another."""
+    peers.obeys = False
+    goal = RunScenario.Goal(
+        run_file=str(live),
+        session_token="live-1",
+        not_after=stamp_from_ns(time.time_ns() + 60_000_000_000),
+    )
+    peers.spin_until(peers.action.server_is_ready, "the action server")
+    asked = peers.action.send_goal_async(goal)
+    peers.spin_until(asked.done, "the goal's answer")
+    answer = peers.ask(
+        peers.loading, LoadScenario.Request(run_file=str(live), session_token="live-1")
+    )
+    assert (answer.accepted, answer.error_code) == (False, REFUSED_TRANSITION)
+    assert "a run_scenario goal is under way" in answer.error_msg
+    assert send_command(peers, "abort").accepted
+    result = asked.result().get_result_async()
+    peers.spin_until(result.done, "the goal's result")
 
 
 def test_an_abort_counts_from_anybody(peers: Any, live: Path) -> None:

@@ -201,7 +201,7 @@ def test_bodies_on_hosts_without_an_address_are_named(
 
 def test_places_on_the_earth_need_a_site_that_lies_somewhere(run: RunSpec, tmp_path: Path) -> None:
     setup = LiveSetup({}, {"navsat": "/fix", "heading": "/imu"})
-    with pytest.raises(InputError, match="the site.s position is unknown") as caught:
+    with pytest.raises(InputError, match="site's position is unknown") as caught:
         setup.check(run)
     assert caught.value.field == "datum"
     datum = SiteDatum(latitude_deg=57.8, longitude_deg=12.8)

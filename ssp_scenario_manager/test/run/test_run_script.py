@@ -137,6 +137,24 @@ def test_a_reset_by_somebody_else_ends_it() -> None:
     assert script.problems == ("the session was reset by somebody else",)
 
 
+def test_a_disarm_by_somebody_else_ends_it() -> None:
+    """The next look armed and started again what a person had just disarmed."""
+    script = begun()
+    assert script.next(P.CONNECTED, 1) is E.ARM
+    script.on_answer(YES)
+    assert script.next(P.ARMED, 2) is E.START
+    script.on_answer(no("ot1 is PRE_ARMING, not ARMED"))
+    assert script.next(P.CONNECTED, 3) is None
+    assert script.problems == ("the session was disarmed by somebody else",)
+    assert script.next(P.ARMED, 4) is None
+
+
+def test_a_disarm_before_a_word_was_acted_on_ends_it() -> None:
+    script = RunScript("run.yaml", 0, 10 * S, "run.yaml", P.ARMED)
+    assert script.next(P.CONNECTED, 1) is None
+    assert script.problems == ("the session was disarmed by somebody else",)
+
+
 def test_it_says_what_it_waits_for() -> None:
     script = begun()
     assert script.next(P.CONNECTED, 0) is E.ARM

@@ -195,6 +195,18 @@ def test_all_clear_waits_for_standstill(driver: Any, tools: Any) -> None:
     assert driver.command("all_clear").accepted
 
 
+def test_without_a_run_an_abort_claims_nothing_and_its_all_clear_clears_no_object(
+    driver: Any,
+) -> None:
+    driver.command("abort")
+    driver.session.step(0)
+    assert driver.session.state is SessionPhase.ABORTED
+    assert driver.session.outbox[-1].reason == "no run is loaded: what moves isn't known"
+    assert driver.command("all_clear").accepted
+    reasons = [one.reason for one in driver.session.outbox if isinstance(one, outbox.StateChanged)]
+    assert reasons[-1].endswith("no object was cleared: load theirs, abort and clear again")
+
+
 @pytest.mark.parametrize("control_state", [ControlState.PRE_ARMING, ControlState.ARMED])
 def test_an_armed_object_that_stands_is_not_cleared(
     driver: Any, tools: Any, control_state: ControlState
