@@ -92,6 +92,8 @@ def _of_headings(columns: FloatArray) -> str | None:
     )
 
 
+# A reference lasts a day at most; of far larger times no nanoseconds can be made.
+_LAST_S = 86_400.0
 # How far a reference may start from where the object will be; pedestrians turn on the spot.
 _JUMP_M, _JUMP_RAD, _JUMP_MPS = 0.5, 0.2, 1.0
 # Rounding of a profile that drives exactly at a limit is no refusal.
@@ -216,6 +218,8 @@ def _check_form(reference: Reference, current: ObjectState) -> Refusal | None:
     if len(falls):
         i = int(falls[0]) + 1
         return _malformed(f"time of point {i} ({t[i]:.3f} s) isn't after the one before")
+    if t[-1] > _LAST_S:
+        return _malformed(f"last point is at {t[-1]:.9g} s, limit is {_LAST_S:g} s")
     if (speed < 0.0).any():
         i = int(np.argmin(speed))
         return _malformed(f"speed of point {i} is {speed[i]:.3f} m/s, limit is 0 m/s")

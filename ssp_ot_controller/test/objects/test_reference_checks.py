@@ -113,6 +113,23 @@ def test_malformed(make: Callable[[], Reference]) -> None:
 
 
 @pytest.mark.parametrize(
+    ("last_s", "word"),
+    [(86_400.0, None), (86_401.0, "86401 s, limit is 86400 s"), (1e300, "1e+300 s")],
+)
+def test_times_that_no_session_reaches_are_refused(last_s: float, word: str | None) -> None:
+    here = ReferencePoint(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    stands = reference(points=(here, replace(here, t_s=last_s)))
+    refusal = refused(stands)
+    if word is None:
+        assert refusal is None
+        assert stands.end_ns == stands.execute_at_ns + 86_400 * S
+    else:
+        assert refusal is not None
+        assert refusal.code is RefusalCode.MALFORMED
+        assert word in refusal.message
+
+
+@pytest.mark.parametrize(
     ("changes", "expected"),
     [
         ({"x_m": 0.49}, None),
