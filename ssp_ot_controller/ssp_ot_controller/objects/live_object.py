@@ -109,6 +109,9 @@ class LiveObject:
         return state_of(reading, self._spec, self._states)
 
     def _is_due(self, now_ns: int, *, only_new: bool) -> bool:
+        if now_ns < self._stepped_ns:
+            # The clock was set back: what is stamped ahead of it now is for the object to judge.
+            return not only_new
         if ns_to_seconds(now_ns - self._stepped_ns) < self._limits.apart_s:
             return False
         if self._reading_ns > self._stepped_ns:

@@ -13,12 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ssp_core.cdr.steps import Heartbeat
 from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2
 from ssp_core.leap_seconds import leap_seconds
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.body_status import BodyStatus
-from ssp_core.vocabulary import ObjectClass
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import ObjectClass, SessionPhase
 from ssp_ot_controller.bodies import simulated
 from ssp_ot_controller.bodies.body import BodyReading, MirrorBody
 from ssp_ot_controller.bodies.dynamics import LIMITS, BodyState, Command, step_body
@@ -38,6 +40,8 @@ from ssp_ot_controller.bodies.protocol import (
 )
 from ssp_ot_controller.bodies.simulated import WATCHDOG_S, BodyServer
 from ssp_ot_controller.objects.live import LiveObjects, parse_bodies
+from ssp_ot_controller.objects.pool import ObjectPool
+from ssp_ot_controller.objects.state_machine import ObjectEvent
 from tests.support.processes.waiting import until
 from tests.support.runs import small_run
 
@@ -401,6 +405,46 @@ def test_a_body_that_hears_no_command_keeps_its_object_from_being_armed() -> Non
         )
 
 
+@pytest.mark.parametrize("back_s", [0.005, 0.02, 0.06, 5.0])
+@pytest.mark.parametrize("says_more", [True, False], ids=["same clock", "silent"])
+def test_an_object_is_judged_at_every_step_of_a_clock_that_was_set_back(
+    back_s: float, says_more: bool
+) -> None:
+    """Its readings are stamped by that clock, or come no more."""
+    run = RunSpec.model_validate(small_run(mode="live"))
+    body = StatedBody()
+    live, pool = LiveObjects(run, {"ot1": body}, print), ObjectPool(run)
+    step_ns, back_ns = round(run.step_s * S), round(back_s * S)
+    stops: list[tuple[int, SafetyCode]] = []
+
+    def step(steady_ns: int, now_ns: int) -> None:
+        tick = live.tick(now_ns)
+        assert [state.object_id for state in tick.objects] == ["ot1"]
+        pool.take_tick(tick, steady_ns)
+        answer = pool.step(steady_ns)
+        assert answer is not None
+        stops.extend((steady_ns, event.stop.code) for event in answer.events)
+
+    beat = Heartbeat(T0, "manager", 1, T0, SessionPhase.ARMED, {})
+    pool.take_heartbeat(beat, 0)
+    body.stamp_ns = T0
+    step(0, T0)
+    assert pool.command("ot1", ObjectEvent.ARM, run.event_version, 0).accepted
+    # Nothing is heard of the manager any more.
+    for k in range(1, round(run.limits.heartbeat_s * S) // step_ns + 2):
+        now_ns = T0 + k * step_ns - back_ns
+        body.stamp_ns = now_ns if says_more else T0
+        step(k * step_ns, now_ns)
+    ((at_ns, code),) = stops
+    if says_more:
+        assert code is SafetyCode.HEARTBEAT_LOST
+        assert at_ns <= run.limits.heartbeat_s * S + step_ns
+    elif back_s - run.step_s > run.limits.clock_offset_s:
+        assert (at_ns, code) == (step_ns, SafetyCode.CLOCK_OFFSET)
+    else:
+        assert code is SafetyCode.STATE_STALE
+
+
 class StatedBody(MirrorBody):
     """Says that it stands, at a given time."""
 
@@ -413,7 +457,8 @@ class StatedBody(MirrorBody):
         if self.stamp_ns is None:
             return None
         braked = self.brakes_by_itself
-        return replace(READING, stamp_ns=self.stamp_ns, brakes_by_itself=braked)
+        stands = replace(READING, speed_mps=0.0, acceleration_mps2=0.0)
+        return replace(stands, stamp_ns=self.stamp_ns, brakes_by_itself=braked)
 
     def problems(self) -> tuple[str, ...]:
         return ("its cable is out",)

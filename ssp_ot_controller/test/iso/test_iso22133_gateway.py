@@ -16,6 +16,7 @@ from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.bodies.body import TrajectoryDecision
 from ssp_ot_controller.bodies.iso22133.framing import StreamDecoder, frames_of
 from ssp_ot_controller.bodies.iso22133.gateway import IsoAddress, IsoBody
+from ssp_ot_controller.bodies.iso22133.link import Link, Tap
 from ssp_ot_controller.bodies.iso22133.messages import (
     CentreStatus,
     DecodedMessage,
@@ -191,6 +192,33 @@ def test_a_lost_object_is_told_and_connected_again(
     again.close()
 
 
+class NobodyThere(Link):
+    """Counts the attempts to connect."""
+
+    attempts = 0
+
+    def connect(self) -> None:
+        self.attempts += 1
+
+
+def test_a_connection_is_tried_again_once_a_second_by_a_clock_that_is_set_back_too() -> None:
+    run = RunSpec.model_validate(small_run(mode="live", datum=DATUM))
+    links: list[NobodyThere] = []
+
+    def make_link(host: str, port: int, tap: Tap) -> Link:
+        links.append(NobodyThere(host, port, tap))
+        return links[-1]
+
+    address = IsoAddress("127.0.0.1", waive="Ada")
+    body = IsoBody(run, run.targets[0], address, 1, print, make_link)
+    attempts = []
+    for now_s in (100.0, 100.5, 101.0, 50.0, 50.5, 51.0):
+        body.poll(round(now_s * 1e9))
+        attempts.append(links[0].attempts)
+    assert attempts == [1, 1, 2, 3, 3, 4]
+    body.close()
+
+
 def test_without_a_datum_there_is_no_test_object(sockets: ObjectSockets) -> None:
     run = RunSpec.model_validate(small_run(mode="live"))
     with pytest.raises(InputError, match="datum"):
@@ -252,5 +280,8 @@ def test_only_objects_that_say_something_new_are_stepped_between_the_steps() -> 
         assert stepped(now_ns + step_ns) == ["ot2"]
         # One that is silent for longer is stepped all the same.
         assert len(live.tick(now_ns + 2 * step_ns).objects) == 2
+        # By a clock that was set back none is left out of a step.
+        assert stepped(now_ns - 5 * step_ns) == []
+        assert len(live.tick(now_ns - 5 * step_ns).objects) == 2
         for end in (*peers, live):
             end.close()

@@ -225,7 +225,7 @@ class IsoBody:
         self.statistics = MonrStatistics()
         self._reported = self._gate.judge(NewestReport())
         self._newest: BodyReading | None = None
-        self._retry_ns = 0
+        self._tried_ns = -_RETRY_NS
         # Why what came last gave no reading.
         self._refused = ""
         if address.waive:
@@ -276,8 +276,9 @@ class IsoBody:
         """Take what has come, and keep the connection; True for a new reading."""
         if not self._link.connected:
             self._lose()
-            if now_ns >= self._retry_ns:
-                self._retry_ns = now_ns + _RETRY_NS
+            # One that was tried in the future was tried before the clock was set back.
+            if not 0 <= now_ns - self._tried_ns < _RETRY_NS:
+                self._tried_ns = now_ns
                 self._link.connect()
         for received in self._link.poll():
             if isinstance(received.outcome, RejectedBytes):
