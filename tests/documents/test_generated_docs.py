@@ -108,8 +108,8 @@ def test_who_judges_what(generate: ModuleType) -> None:
     """A limit that moves to the other side, or is new there, must move in the table too."""
     objects = ROOT / "ssp_ot_controller" / "ssp_ot_controller"
     manager = ROOT / "ssp_scenario_manager" / "ssp_scenario_manager" / "session"
-    conversation = objects / "bodies" / "iso22133" / "conversation.py"
-    by_objects = judged_in(*(objects / "objects").glob("*.py"), conversation)
+    gateway = objects / "bodies" / "iso22133"
+    by_objects = judged_in(*(objects / "objects").glob("*.py"), *gateway.glob("*.py"))
     # A person's abort, which the manager writes down.
     passed_on = {SafetyCode.OPERATOR}
     by_manager = (SILENCES | judged_in(*manager.glob("*.py"))) - passed_on

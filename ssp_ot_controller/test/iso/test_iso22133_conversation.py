@@ -320,6 +320,62 @@ def test_one_that_is_deaf_to_the_normal_stop_and_the_abort_hears_nothing_any_mor
 
 
 @pytest.mark.parametrize(
+    ("at_first_mps", "then"),
+    [
+        # It was about to start, and starts.
+        (0.25, [(0.5, 2.0), (0.45, 10.0)]),
+        # It slows once.
+        (5.0, [(0.3, 4.6), (0.2, 5.0), (0.45, 5.0)]),
+        # It brakes, and drives on.
+        (5.0, [(0.3, 4.0), (2.0, 1.0), (0.02, 1.5)]),
+        # It stands, but not for good.
+        (5.0, [(0.3, 2.0), (0.3, 0.0), (1.3, 0.0), (0.02, 0.5)]),
+    ],
+)
+def test_one_that_does_not_brake_to_a_standstill_after_an_abort_hears_nothing_any_more(
+    at_first_mps: float, then: list[tuple[float, float]]
+) -> None:
+    t = running(at_first_mps)
+    t.decides(C.ABORTING)
+    t.says(C.ABORTING, at_first_mps)
+    for seconds, speed_mps in then:
+        t.run(seconds)
+        assert t.status is CentreStatus.ABORT
+        t.says(C.ABORTING, speed_mps)
+    t.run(0.1)
+    assert t.violation is SafetyCode.NOT_STOPPING
+    assert t.status is None
+
+
+def test_an_abort_after_a_normal_stop_must_be_obeyed_too() -> None:
+    t = running()
+    t.decides(C.POSTRUN, P.STOPPING)
+    t.run(0.2)
+    t.says(C.POSTRUN, 4.5)
+    t.run(1.5)
+    assert t.violation is None
+    t.decides(C.ABORTING)
+    t.run(1.02)
+    assert t.violation is SafetyCode.NOT_STOPPING
+    assert "to abort" in t.words
+    assert t.status is None
+
+
+def test_noise_of_a_stated_speed_and_a_crew_at_the_wheel_are_no_disobedience() -> None:
+    t = running()
+    t.decides(C.ABORTING)
+    for step in range(400):
+        noise_mps = (-0.1, 0.1, 0.0)[step % 3]
+        t.says(C.ABORTING, max(5.0 - 0.02 * step, 0.0) + noise_mps)
+        t.run(0.01)
+    # It has stood for more than a second.
+    t.says(C.ABORTING, 3.0)
+    t.run(5.0)
+    assert t.violation is None
+    assert t.status is CentreStatus.ABORT
+
+
+@pytest.mark.parametrize(
     ("state", "text", "measured"),
     [
         (C.ABORTING, "ABORTING (7)", 7.0),

@@ -39,6 +39,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Traj,
 )
 from ssp_ot_controller.bodies.iso22133.states import STATUS_OF, Fit, fit, state_of, state_text
+from ssp_ot_controller.bodies.iso22133.stop_watch import SLOW_MPS, StopWatch
 from ssp_ot_controller.bodies.iso22133.trajectories import trajectory_of
 from ssp_ot_controller.bodies.iso22133.units import leap_seconds, to_gps
 
@@ -49,8 +50,6 @@ PAUSE_NS = 250_000_000
 # How long an object's state may lag behind ours; arming may take longer.
 LAG_S = 1.0
 ARMING_S = 3.0
-# Slower than this an object counts as standing, and a loss of as much speed shows that it brakes.
-SLOW_MPS = 0.3
 # A reference that is over must have led to a standstill after so long.
 OVER_S = 0.5
 
@@ -168,7 +167,8 @@ class Timing:
 
     Args:
         start_error_s: from a STRT's time until RUNNING is reported, negative when it was early.
-        stop_s: from the first HEAB that stops a moving object until it has lost 0.3 m/s.
+        stop_s: from the first HEAB with the normal stop or the abort that a moving object obeyed
+            first, until it has lost 0.3 m/s.
     """
 
     start_error_s: float | None = None
@@ -305,8 +305,7 @@ class Conversation:
         self._trajectories = Trajectories(settings)
         self._now_ns = self._since_ns = 0
         self._clear_due = self._lost = False
-        # Of a stop: since when it is told, and the speed then.
-        self._stop_command: tuple[int, float] | None = None
+        self._stop: StopWatch | None = None
         self._over = self._soft = False
         self._deaf = False
 
@@ -431,33 +430,24 @@ class Conversation:
             self.timing = replace(self.timing, start_error_s=error_s)
 
     def _watch_stop(self, now_ns: int) -> None:
-        speed = abs(self._reported.speed_mps)
-        if self.status not in (CentreStatus.ABORT, CentreStatus.NORMAL_STOP):
-            self._stop_command = None
+        status, speed_mps = self.status, abs(self._reported.speed_mps)
+        if status not in (CentreStatus.ABORT, CentreStatus.NORMAL_STOP):
+            self._stop = None
             return
-        if self._stop_command is None:
-            self._stop_command = now_ns, speed
-        since_ns, from_mps = self._stop_command
-        took_s, bound_s = ns_to_seconds(now_ns - since_ns), self._settings.limits.stop_reaction_s
-        if from_mps <= SLOW_MPS or self._deaf:
+        if self._stop is None or self._stop.status is not status:
+            bound_s = self._settings.limits.stop_reaction_s
+            self._stop = StopWatch(status, speed_mps, now_ns, bound_s)
+        disobeys = self._stop.judge(speed_mps, now_ns)
+        if self._deaf:
             return
-        if speed <= from_mps - SLOW_MPS:
-            if self.timing.stop_s is None:
-                self.timing = replace(self.timing, stop_s=took_s)
-        elif took_s > bound_s and self.timing.stop_s is None:
-            self._violation = LimitViolation(
-                SafetyCode.NOT_STOPPING,
-                took_s,
-                bound_s,
-                f"drives {speed:.1f} m/s {took_s:.2f} s after the command to "
-                f"{self.status.name.lower().replace('_', ' ')}, and slows within {bound_s:g} s at "
-                "most",
-            )
+        if self.timing.stop_s is None:
+            self.timing = replace(self.timing, stop_s=self._stop.slowed_s)
+        if disobeys is not None:
+            self._violation = disobeys
             # One that doesn't obey the normal stop is told to abort, by the object target's state;
             # one that doesn't obey that either hears nothing any more.
-            if self.status is CentreStatus.ABORT:
-                self._deaf = True
-            self._stop_command = None
+            self._deaf = status is CentreStatus.ABORT
+            self._stop = None
 
     @property
     def _phase(self) -> SessionPhase:
