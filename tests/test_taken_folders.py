@@ -34,5 +34,5 @@ def test_a_folder_that_another_command_writes_into_is_refused(
     with taken_folder(folder):
         before = sorted(tmp_path.rglob("*"))
         assert main(command.split()) != 0
-        assert "another command writes into just now" in capsys.readouterr().err
+        assert "another command is writing into it" in capsys.readouterr().err
         assert sorted(tmp_path.rglob("*")) == before

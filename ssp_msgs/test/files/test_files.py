@@ -503,9 +503,9 @@ def test_a_folder_has_one_writer(tmp_path: Path) -> None:
     with another_command(out) as first:
         assert first_line(first) == "has it"
         with another_command(out) as second:
-            assert "another command writes into just now" in first_line(second)
+            assert "another command is writing into it" in first_line(second)
         with (
-            pytest.raises(InputError, match="another command writes into"),
+            pytest.raises(InputError, match="another command is writing into"),
             taken_folder(out),
         ):
             pass

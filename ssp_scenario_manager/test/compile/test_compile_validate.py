@@ -117,7 +117,7 @@ def test_a_flipped_byte_anywhere_in_the_bag_is_found(
 @pytest.mark.parametrize("verdict", [v for v in Verdict if v is not Verdict.VALID])
 def test_the_verdict_is_the_recorded_one(verdict: Verdict, compiled: Path, tmp_path: Path) -> None:
     record(tmp_path, compiled, verdict)
-    with pytest.raises(InputError, match="by the session's last word in it") as caught:
+    with pytest.raises(InputError, match="by the last session state in it") as caught:
         read_validation(tmp_path, event_version(compiled))
     assert caught.value.value == verdict.name.lower()
 

@@ -211,7 +211,7 @@ def test_without_a_run_an_abort_claims_nothing_and_its_all_clear_clears_no_objec
 def test_an_armed_object_that_stands_is_not_cleared(
     driver: Any, tools: Any, control_state: ControlState
 ) -> None:
-    """The standstill of an abort doesn't count it either: it would drive if it were told to."""
+    """The standstill of an abort doesn't count it either: a start would let it drive."""
     tools.bring(driver, "ABORTED")
     driver.hear(control_state)
     missing = driver.command("all_clear").missing

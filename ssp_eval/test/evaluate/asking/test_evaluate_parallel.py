@@ -326,9 +326,9 @@ def test_a_folder_has_one_command_at_a_time(
 ) -> None:
     out, models = tmp_path / "out", [bridge_spec("constant_velocity")]
     with taken_folder(out):
-        with pytest.raises(InputError, match="another command writes into"):
+        with pytest.raises(InputError, match="another command is writing into"):
             run_campaign(bags, models, InProcessClients(), out, CellOptions(), True)
-        with pytest.raises(InputError, match="another command writes into"):
+        with pytest.raises(InputError, match="another command is writing into"):
             run_parallel(bags, models, settings(out), 2, propose_labels=True)
         assert [entry.name for entry in out.iterdir()] == [TAKEN_FILE]
     assert run_campaign(bags[:1], models, InProcessClients(), out, CellOptions())[0].status == "ok"
