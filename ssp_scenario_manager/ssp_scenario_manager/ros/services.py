@@ -100,7 +100,9 @@ class SessionServices:
         self._command = command
         self._goal: Any = None
         self._script: RunScript | None = None
+        # Of goals that wait for their result: why one was refused, or the script that has ended.
         self._refused: dict[bytes, str] = {}
+        self._ended: dict[bytes, RunScript] = {}
         node.create_service(LoadScenario, names.LOAD_SCENARIO, self._on_load)
         for word in names.SESSION_COMMANDS:
             node.create_service(SessionCommand, word, partial(self._on_command, SessionEvent(word)))
@@ -134,6 +136,7 @@ class SessionServices:
             if self._script.problems and self._session.state is SessionPhase.ARMED:
                 self._command(SessionEvent.DISARM, WHO, "the run can't start")
             goal, self._goal = self._goal, None
+            self._ended[bytes(goal.goal_id.uuid)] = self._script
             goal.execute()
 
     def give_up(self, reason: str) -> None:
@@ -183,18 +186,17 @@ class SessionServices:
             result.error_msg, result.reasons = foreign, [foreign]
             goal.abort()
             return result
-        script = self._script
-        problems = script.problems if script else ()
-        if script is not None and script.has_begun:
+        script = self._ended.pop(bytes(goal.goal_id.uuid))
+        problems = script.problems
+        if script.has_begun:
             # Otherwise the session is somebody else's, and so is its verdict.
             result.verdict = int(self._session.verdict)
             result.reasons = list(self._session.reasons)
             result.run_id = self._session.spec.run_id if self._session.spec else ""
         result.reasons = list(result.reasons) or list(problems)
         if problems:
-            late = script is not None and script.not_in_time
             codes = RunScenario.Result
-            result.error_code = codes.NOT_IN_TIME if late else codes.FAILED_START
+            result.error_code = codes.NOT_IN_TIME if script.not_in_time else codes.FAILED_START
             result.error_msg = "; ".join(problems)
         elif result.verdict != SessionState.VERDICT_VALID:
             result.error_code = RunScenario.Result.NOT_VALID
