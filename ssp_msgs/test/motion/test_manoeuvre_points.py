@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from ssp_core.geometry import FloatArray, Polyline
 from ssp_core.motion.approach import approach_points
 from ssp_core.motion.manoeuvre import brake_along, drive_along, lane_change
-from ssp_core.motion.reference import Reference, ReferencePoint, sample
+from ssp_core.motion.reference import PLACES_S, Points, Reference, ReferencePoint, between, sample
 from ssp_core.motion.speed_profile import SpeedProfile
 from ssp_core.run_file.participants import Motion
 
@@ -276,6 +276,31 @@ def test_heading_goes_the_short_way_over_pi() -> None:
     b = ReferencePoint(1.0, -1.0, 0.0, -math.pi + 0.1, 1.0, 0.0, 0.0)
     p = sample(reference([a, b], 0), S // 2)
     assert abs(p.yaw_rad) == pytest.approx(math.pi, abs=1e-12)
+
+
+def test_places_lie_on_the_way_between_points_that_are_far_apart() -> None:
+    points = [
+        ReferencePoint(0.0, 0.0, 0.0, math.pi - 0.1, 3.0, 1.0, 0.1),
+        ReferencePoint(1.25, -4.5, 0.2, -math.pi + 0.1, 4.25, 0.0, -0.1),
+        # From here on as dense as need be, and in the end it stands for long.
+        ReferencePoint(1.35, -4.9, 0.2, -math.pi + 0.1, 0.0, 0.0, 0.0),
+        ReferencePoint(9.0, -4.9, 0.2, -math.pi + 0.1, 0.0, 0.0, 0.0),
+    ]
+    places = Points(reference(points).places)
+    times = places.columns[0].tolist()
+    assert [t for t in times if t in {p.t_s for p in points}] == [p.t_s for p in points]
+    assert len(times) == len(points) + 12
+    assert max(np.diff(times)[:-1]) <= PLACES_S + 1e-6
+    for place in places:
+        a = max((p for p in points[:-1] if p.t_s <= place.t_s), key=lambda p: p.t_s)
+        there = between(a, points[points.index(a) + 1], place.t_s)
+        for field in ReferencePoint.__dataclass_fields__:
+            assert getattr(place, field) == pytest.approx(getattr(there, field), abs=1e-12)
+
+
+def test_points_that_are_close_are_the_places() -> None:
+    close = reference(drive_along(STRAIGHT, 0.0, 0.0, 20.0, 2.0, 2.0, dt_s=0.1))
+    assert close.places is close.columns
 
 
 def timed(times_s: list[float] | None = None) -> Motion:

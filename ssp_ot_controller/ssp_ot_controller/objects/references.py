@@ -11,7 +11,7 @@ import numpy as np
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
-from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.reference import PLACES_S, Reference, moving_steps_s, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.fence import way_excess_m
@@ -94,6 +94,8 @@ def _of_headings(columns: FloatArray) -> str | None:
 
 # A reference lasts a day at most; of far larger times no nanoseconds can be made.
 _LAST_S = 86_400.0
+# For so long it may move in steps that need places between to be judged.
+_SPARSE_S = 600.0
 # How far a reference may start from where the object will be; pedestrians turn on the spot.
 _JUMP_M, _JUMP_RAD, _JUMP_MPS = 0.5, 0.2, 1.0
 # Rounding of a profile that drives exactly at a limit is no refusal.
@@ -223,6 +225,13 @@ def _check_form(reference: Reference, current: ObjectState) -> Refusal | None:
     if (speed < 0.0).any():
         i = int(np.argmin(speed))
         return _malformed(f"speed of point {i} is {speed[i]:.3f} m/s, limit is 0 m/s")
+    steps_s = moving_steps_s(columns)
+    sparse_s = float(steps_s[steps_s > PLACES_S + _ROUNDING].sum())
+    if sparse_s > _SPARSE_S:
+        return _malformed(
+            f"moves for {sparse_s:.9g} s in steps of more than {PLACES_S:g} s, limit is "
+            f"{_SPARSE_S:g} s: place its points closer"
+        )
     return None
 
 
@@ -287,29 +296,30 @@ def _check_steps(reference: Reference) -> Refusal | None:
 def _check_fence(
     reference: Reference, current: ObjectState, geofence: Sequence[tuple[float, float]]
 ) -> Refusal | None:
-    _, x, y, yaw, _, _, _ = reference.columns
+    t, x, y, yaw, _, _, _ = reference.places
     excess = way_excess_m(x, y, yaw, current.size, geofence)
     i = int(np.argmax(excess))
     if excess[i] > 0.0:
+        point = int(np.searchsorted(reference.columns[0], t[i]))
         return Refusal(
             RefusalCode.FENCE,
-            f"on its way to point {i} (x {x[i]:.2f} m, y {y[i]:.2f} m) the object is "
+            f"on its way to point {point} (x {x[i]:.2f} m, y {y[i]:.2f} m) the object is "
             f"{excess[i]:.3f} m outside the geofence, limit is 0 m",
         )
     return None
 
 
 def _check_stops(reference: Reference, stop_room: StoppingRoom) -> Refusal | None:
-    """Check that the object can stop inside the fence from each of a reference's points."""
-    lack = stop_room.lack(reference.columns)
+    """Check that the object can stop inside the fence from each of a reference's places."""
+    lack = stop_room.lack(reference.places)
     if lack is None:
         return None
-    point = reference.points[lack.point]
+    t, x, y, _, speed, _, _ = reference.places[:, lack.point]
+    point = int(np.searchsorted(reference.columns[0], t, side="right")) - 1
     return Refusal(
         RefusalCode.FENCE,
-        f"{lack.how} from point {lack.point} (x {point.x_m:.2f} m, y {point.y_m:.2f} m, "
-        f"{point.speed_mps:.1f} m/s) on leads {lack.excess_m:.3f} m outside the geofence, "
-        "limit is 0 m",
+        f"{lack.how} from point {point} (x {x:.2f} m, y {y:.2f} m, {speed:.1f} m/s) on leads "
+        f"{lack.excess_m:.3f} m outside the geofence, limit is 0 m",
     )
 
 

@@ -262,6 +262,56 @@ def test_numbers_are_those_of_the_message() -> None:
     assert [c.value for c in RefusalCode] == list(range(1, 10))
 
 
+# -- points that are far apart ---------------------------------------------------------------------
+
+
+def bow(*, moving_s: float = 12.0) -> Reference:
+    """Two points at 10 m/s, between which the way swings out to the left, and a stop."""
+    speed, yaw = 10.0, 0.2
+    bend, chord = -2.0 * yaw / (speed * moving_s), speed * moving_s * math.sin(yaw) / yaw
+    c, s = math.cos(yaw), math.sin(yaw)
+    swung = ReferencePoint(moving_s, chord, 0.0, -yaw, speed, 0.0, bend)
+    straight = replace(swung, curvature_1pm=0.0)
+    points = (
+        ReferencePoint(0.0, 0.0, 0.0, yaw, speed, 0.0, bend),
+        swung,
+        replace(straight, t_s=moving_s + 0.1, x_m=chord + c, y_m=-s, acceleration_mps2=-2.0),
+        replace(straight, t_s=moving_s + 5.1, x_m=chord + 26.0 * c, y_m=-26.0 * s, speed_mps=0.0),
+    )
+    return reference(points=points)
+
+
+@pytest.mark.parametrize(
+    ("left_m", "word"),
+    [
+        (6.0, "on its way to point 1 (x 55.60 m, y 5.93 m) the object is 0.882 m outside"),
+        # The car's side is inside, and a stop that begins on its way there isn't.
+        (6.9, "a stop that holds its steering from point 0 (x 34.63 m, y 4.93 m, 10.0 m/s)"),
+        (7.1, None),
+    ],
+)
+def test_the_way_between_points_that_are_far_apart_must_be_inside(
+    left_m: float, word: str | None
+) -> None:
+    fence = [(-10.0, -30.0), (220.0, -30.0), (220.0, left_m), (-10.0, left_m)]
+    there = standing(yaw_rad=0.2, speed_mps=10.0, stamp_ns=10 * S + S // 10)
+    refusal = refused(bow(), current=there, geofence=fence)
+    if word is None:
+        assert refusal is None
+    else:
+        assert refusal is not None
+        assert refusal.code is RefusalCode.FENCE
+        assert word in refusal.message
+
+
+def test_points_with_too_long_a_way_between_them_are_refused() -> None:
+    refusal = refused(bow(moving_s=600.1))
+    assert refusal is not None
+    assert refusal.code is RefusalCode.MALFORMED
+    # The stop takes 5 s more.
+    assert "moves for 605.1 s in steps of more than 0.1 s, limit is 600 s" in refusal.message
+
+
 # -- points that are no one motion ----------------------------------------------------------------
 
 _FINE_S = 0.01
