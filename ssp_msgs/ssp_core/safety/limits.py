@@ -350,6 +350,14 @@ class Continuity:
     before: ObjectState | None = None
     rest_state: ObjectState | None = None
 
+    def before_motion(self, state: ObjectState) -> Continuity:
+        """Return the memory by which a state is judged while its object may not move yet.
+
+        An older state begins anew, so that a clock that was ahead doesn't outlast its correction.
+        """
+        before = self.before
+        return Continuity() if before is not None and state.stamp_ns < before.stamp_ns else self
+
 
 def follow(
     memory: Continuity, state: ObjectState, limits: Limits, asked_mps: float = 0.0

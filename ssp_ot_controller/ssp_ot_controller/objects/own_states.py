@@ -1,7 +1,7 @@
 """An object's own states as they come, each judged by those before it.
 
-This file owns what an object remembers of its own states; nothing of them is forgotten while its
-process runs. Reads no clock.
+This file owns what an object remembers of its own states; nothing of them is forgotten while it
+may move. Reads no clock.
 """
 
 from __future__ import annotations
@@ -57,15 +57,19 @@ class OwnStates:
         if own.is_finite:
             self._motion.see(own)
 
-    def judge(self, own: ObjectState, *, asked_mps: float, running: bool) -> list[LimitViolation]:
+    def judge(
+        self, own: ObjectState, *, asked_mps: float, may_move: bool, running: bool
+    ) -> list[LimitViolation]:
         """List what the newest own state passes, judged by those before it.
 
         Args:
             own: the state that was seen last.
             asked_mps: see ``ssp_core.safety.limits.follow``.
+            may_move: the object moves or is about to.
             running: the object is RUNNING.
         """
-        self._continuity, broken = follow(self._continuity, own, self._limits, asked_mps)
+        memory = self._continuity if may_move else self._continuity.before_motion(own)
+        self._continuity, broken = follow(memory, own, self._limits, asked_mps)
         if (contradicts := state_contradicts(self._motion)) is not None:
             broken.append(contradicts)
         if (turned := self._heading_violation(own, running=running)) is not None:

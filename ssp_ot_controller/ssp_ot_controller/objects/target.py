@@ -255,9 +255,10 @@ class Target:
             driving.advance(now_ns)
         reference = driving.queue.current
         asked_mps = driving.reference_speed_mps(now_ns) if running else 0.0
-        broken = self._states.judge(own, asked_mps=asked_mps, running=running)
+        may_move = self.state in _MAY_MOVE
+        broken = self._states.judge(own, asked_mps=asked_mps, may_move=may_move, running=running)
         lost = lost_its_place(own, now_ns, broken, self._run.limits)
-        if lost is not None and self.state in _MAY_MOVE:
+        if lost is not None and may_move:
             self._brakes.blind = True
         tracking: Command | None = None
         room_excess_m = 0.0

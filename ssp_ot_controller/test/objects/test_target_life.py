@@ -215,6 +215,19 @@ def test_a_clock_that_is_set_back_stops_it(rig: Rig) -> None:
     assert rig.target.state is ControlState.ABORTING
 
 
+def test_a_stamp_from_ahead_before_it_is_armed_hides_no_jump(rig: Rig) -> None:
+    rig.target.power_on()
+    rig.step()
+    rig.step(stamp_ns=rig.now_ns + 18 * S)
+    rig.step()
+    assert rig.target.command(ObjectEvent.ARM, VERSION, 0.0).accepted
+    rig.session = SessionPhase.ARMED
+    assert rig.step().stopped is None
+    outcome = rig.step(x_m=rig.body.x_m + 5.0)
+    assert outcome.stopped is not None
+    assert outcome.stopped.code is SafetyCode.POSITION_JUMP
+
+
 def test_no_run_lasts_longer_than_the_site_allows_though_the_manager_goes_on(rig: Rig) -> None:
     rig.arm()
     rig.session = SessionPhase.RUNNING

@@ -1,7 +1,7 @@
 """The states of a run's participants as they arrived, each judged by those before it.
 
 This file owns what is remembered of them: a run begins with an empty memory, and nothing is
-forgotten while it lasts. Reads no clock.
+forgotten once it has started. Reads no clock.
 """
 
 from __future__ import annotations
@@ -54,6 +54,8 @@ class StateHistory:
             started: the run has started, so that its objects drive off.
         """
         memory = self._continuity.get(state.object_id, Continuity())
+        if not started:
+            memory = memory.before_motion(state)
         self._continuity[state.object_id], passed = follow(memory, state, self._limits)
         if memory.before is not None and self._continuity[state.object_id].before is state:
             crossed = self._crossed_fence(memory.before, state)

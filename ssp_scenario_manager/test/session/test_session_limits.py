@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import Size
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import FollowPath
 from ssp_core.safety.codes import SafetyCode
@@ -540,6 +541,40 @@ def test_a_clock_that_was_set_right_is_believed_before_the_run(driver: Any) -> N
     assert not driver.command("arm").accepted
     driver.hear()
     assert driver.command("arm").accepted
+
+
+@pytest.mark.parametrize("who", ["vut", "ot1"])
+@pytest.mark.parametrize(
+    ("changed", "code"),
+    [
+        ({"x_m": 5.0}, SafetyCode.POSITION_JUMP),
+        ({"speed_mps": 8.0}, SafetyCode.STATE_FROZEN),
+        ({"size": Size(0.3, 0.3, 0.3, 0.3)}, SafetyCode.STATE_CONTRADICTS),
+    ],
+)
+def test_a_stamp_from_far_ahead_before_the_run_hides_nothing_in_it(
+    make_driver: Callable[[RunSpec], Any],
+    run_mapping: dict[str, Any],
+    tools: Any,
+    changed: dict[str, Any],
+    code: SafetyCode,
+    who: str,
+) -> None:
+    driver = make_driver(strict(run_mapping))
+    driver.until("CONNECTED")
+    state = driver.vut if who == "vut" else driver.targets[who]
+    ahead = replace(state, stamp_ns=18 * S)
+    assert driver.session.on_vut_state(ahead) or driver.session.on_target_state(ahead)
+    driver.step()
+    assert driver.command("arm").accepted
+    driver.step(control_state=ControlState.ARMED)
+    assert driver.command("start").accepted
+    driver.step(control_state=ControlState.RUNNING)
+    driver.acknowledge()
+    driver.move(who, **changed)
+    for _ in range(14):
+        driver.step()
+    assert tools.violations(driver.session.outbox)[0] is code
 
 
 # -- strangers ------------------------------------------------------------------------------------
