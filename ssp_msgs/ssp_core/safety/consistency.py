@@ -121,12 +121,13 @@ class ConsistencyWatch:
         self._bounds = bounds
         self._direction_rad = bounds.direction_rad
         self._least_cosine = math.cos(NEAR_SHARE * (bounds.direction_rad or 0.0))
+        self._findings = MotionFindings()
         self.clear()
 
     def clear(self) -> None:
-        """Forget all states; what was counted stays."""
+        """Forget all states; what was counted stays, and so does the doubt."""
         self._samples = MotionSamples(self._bounds.position_std_m, self._bounds.pause_s)
-        self._findings = MotionFindings()
+        self._findings.interrupt()
         self._speed_delays, self._yaw_delays = Delays(), Delays()
         self._fits_alone = False  # a delay fits the newest window, and didn't fit those before
         self._stepped_s = -math.inf

@@ -297,6 +297,23 @@ def test_a_doubt_lasts_until_the_object_has_moved_without_one() -> None:
     assert see(states(6.4, 0.5, 5.0, 5.0)) is None
 
 
+def test_a_clock_that_is_set_back_ends_a_contradiction_and_keeps_its_doubt() -> None:
+    watch = ConsistencyWatch(Bounds())
+    for t_s, *values in drive(1.0, lambda t: (5.0 * t, 0.0), speed_mps=0.0):
+        watch.take(round((t_s + 9.0) * S), *values)
+    doubt = watch.doubt
+    assert doubt is not None
+    assert watch.contradiction == doubt
+    watch.take(7 * S, 5.0, 0.0, 0.0, 0.0)
+    assert watch.contradiction is None
+    for t_s, *values in drive(2.0, lambda _: (5.0, 0.0), speed_mps=0.0):
+        watch.take(round((t_s + 7.1) * S), *values)
+    assert watch.doubt == doubt
+    for t_s, *values in drive(1.5, lambda t: (5.0 + 5.0 * t, 0.0), speed_mps=5.0):
+        watch.take(round((t_s + 9.1) * S), *values)
+    assert watch.doubt is None
+
+
 def test_a_contradiction_ends_a_session_once_it_has_held() -> None:
     held = set()
     for watch in watched(drive(2.0, lambda t: (5.0 * t, 0.0), speed_mps=0.0), Bounds()):

@@ -180,9 +180,8 @@ class Session:
         """Take a state of the VUT; return False for one of another object, which has no effect."""
         if self._run is not None and state.object_id != self._run.spec.vut.id:
             return False
-        if self._is_news(state, self.vut):
+        if self._hear(state, self.vut):
             self.vut = state
-        self._hear(state)
         return True
 
     def on_target_state(self, state: ObjectState) -> bool:
@@ -190,23 +189,25 @@ class Session:
         who, run = state.object_id, self._run
         if run is not None and who not in run.target_ids:
             return False
-        if self._is_news(state, self.targets.get(who)):
+        if self._hear(state, self.targets.get(who)):
             self.targets[who] = state
-        self._hear(state)
         return True
 
-    def _is_news(self, state: ObjectState, last_state: ObjectState | None) -> bool:
-        """Tell whether a state counts: while a run lasts, one older than what is known doesn't.
+    def _hear(self, state: ObjectState, last_state: ObjectState | None) -> bool:
+        """Judge a state that counts; while a run lasts, one older than what is known doesn't.
 
         Otherwise what came last is the truth: a clock that was wrong must not outlast its
         correction.
-        """
-        return last_state is None or state.stamp_ns >= last_state.stamp_ns or not self._lasts
 
-    def _hear(self, state: ObjectState) -> None:
+        Returns:
+            True for a state that counts.
+        """
         self._senders.add(state.object_id)
+        if last_state is not None and state.stamp_ns < last_state.stamp_ns and self._lasts:
+            return False
         if self._run is not None:
             self._run.see(state)
+        return True
 
     @property
     def _lasts(self) -> bool:

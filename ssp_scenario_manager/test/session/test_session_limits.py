@@ -309,6 +309,23 @@ def test_older_states_do_not_replace_newer_ones(driver: Any) -> None:
     assert driver.session.targets["ot1"].x_m == 40.0
 
 
+@pytest.mark.parametrize("who", ["vut", "ot1"])
+def test_an_old_state_that_comes_again_and_again_hides_no_contradiction(
+    driver: Any, tools: Any, who: str
+) -> None:
+    run_with(driver)
+    driver.step()
+    first = driver.vut if who == "vut" else driver.targets[who]
+    for _ in range(60):
+        driver.step()
+    for k in range(70):
+        driver.move(who, x_m=first.x_m + 0.1 * k, speed_mps=11.0)
+        driver.step()
+        if k % 20 == 0:
+            assert driver.session.on_vut_state(first) or driver.session.on_target_state(first)
+    assert SafetyCode.STATE_CONTRADICTS in tools.violations(driver.session.outbox)
+
+
 # -- from the arming on ---------------------------------------------------------------------------
 
 
