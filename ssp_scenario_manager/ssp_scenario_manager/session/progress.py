@@ -137,11 +137,22 @@ def limits_passed(
 
 
 def collisions(
-    run: Run, vut: ObjectState | None, targets: Mapping[str, ObjectState]
+    run: Run, vut: ObjectState | None, targets: Mapping[str, ObjectState], now_ns: int
 ) -> list[Violation]:
-    """Find the one thing left to see while everything brakes: that two of us touch."""
+    """Find the one thing left to see while everything brakes: that two of us touch.
+
+    Where a silent one is now isn't known.
+
+    Args:
+        run: the run.
+        vut: newest state of the VUT; None when there was none.
+        targets: newest states, by id.
+        now_ns: session time.
+    """
+    oldest_ns = now_ns - seconds_to_ns(run.spec.limits.state_age_s)
     states = [targets[target.id] for target in run.spec.targets if target.id in targets]
-    if vut is not None:
+    states = [state for state in states if state.stamp_ns >= oldest_ns]
+    if vut is not None and vut.stamp_ns >= oldest_ns:
         states = [vut, *(_at(state, vut.stamp_ns) for state in states)]
     near = too_near(
         kept_apart([state for state in states if state.is_finite], run.spec), run.spec.limits

@@ -370,7 +370,7 @@ class Session:
             self._take(run.dispatches.send_again(now_ns))
             self._watch_end(run, now_ns)
         if self.state is SessionPhase.ABORTING:
-            self._take(progress.collisions(run, vut, self.targets))
+            self._take(progress.collisions(run, vut, self.targets, now_ns))
 
     def _forget_ahead(self, latest_ns: int) -> None:
         """Forget states with a later stamp: a clock that was wrong must not outlast that."""

@@ -91,7 +91,21 @@ def test_an_object_is_judged_where_it_is_at_the_stamp_of_the_vut(
     behind = state("ot1", stamp_ns=START_NS, x_m=-6.0, speed_mps=speed_mps)
     vut = state(stamp_ns=now_ns)
     assert [v.code for v in findings(start_run(run), now_ns, vut, behind)] == codes
-    assert [v.code for v in progress.collisions(start_run(run), vut, {"ot1": behind})] == codes
+    touching = progress.collisions(start_run(run), vut, {"ot1": behind}, now_ns)
+    assert [v.code for v in touching] == codes
+
+
+@pytest.mark.parametrize(("age_ms", "counts"), [(300, True), (301, False)])
+@pytest.mark.parametrize("silent", ["vut", "ot1"])
+def test_no_collision_is_made_of_where_a_silent_one_would_be(
+    run: RunSpec, state: StateMaker, silent: str, age_ms: int, counts: bool
+) -> None:
+    now_ns = START_NS + S
+    stamps_ns = {"vut": now_ns, "ot1": now_ns, silent: now_ns - age_ms * MS}
+    vut = state(stamp_ns=stamps_ns["vut"])
+    ot1 = state("ot1", stamp_ns=stamps_ns["ot1"], x_m=2.0, speed_mps=5.0)
+    touching = progress.collisions(start_run(run), vut, {"ot1": ot1}, now_ns)
+    assert [v.code for v in touching] == ([SafetyCode.COLLISION] if counts else [])
 
 
 def test_before_the_vut_is_heard_an_object_is_judged_where_it_said_that_it_is(
@@ -111,7 +125,7 @@ def test_a_state_that_is_no_number_is_named_whatever_its_stamp(
     for vut in (state(stamp_ns=START_NS), state(stamp_ns=now_ns)):
         (one,) = findings(start_run(run), now_ns, vut, bad_state)
         assert (one.code, one.object_id) == (SafetyCode.STATE_NOT_FINITE, "ot1")
-        assert progress.collisions(start_run(run), vut, {"ot1": bad_state}) == []
+        assert progress.collisions(start_run(run), vut, {"ot1": bad_state}, now_ns) == []
 
 
 # -- what is due in the run's own time ------------------------------------------------------------
