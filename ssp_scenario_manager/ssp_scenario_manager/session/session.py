@@ -443,11 +443,18 @@ class Session:
     def stands(self, now_ns: int, without: Sequence[str] = ()) -> bool:
         """Tell whether fresh states say that everything stands.
 
+        A run that stops waits for the reason of an object that has aborted by itself: nothing that
+        comes after the standstill counts.
+
         Args:
             now_ns: session time.
             without: objects that are not looked at, because they can't be heard.
         """
         run = self._run
+        if self.state is SessionPhase.STOPPING and any(
+            state.control_state is ControlState.ABORTING for state in self.targets.values()
+        ):
+            return False
         return run is None or not preconditions.moving(
             run.spec,
             self.vut,

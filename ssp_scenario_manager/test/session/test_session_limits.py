@@ -199,6 +199,29 @@ def test_an_object_that_aborts_is_given_time_to_say_why(driver: Any, tools: Any)
     assert tools.violations(driver.session.outbox) == [SafetyCode.OBJECT_ABORTED]
 
 
+@pytest.mark.parametrize("mode", ["lockstep", "realtime", "live"])
+@pytest.mark.parametrize("says_why", [True, False])
+def test_an_object_that_aborts_as_the_run_stops_leaves_no_valid_run(
+    make_driver: Callable[[RunSpec], Any], run: RunSpec, mode: str, says_why: bool
+) -> None:
+    driver = make_driver(run.model_copy(update={"mode": mode}))
+    run_with(driver)
+    driver.session._run.event.resolved_ns = driver.now_ns
+    for _ in range(60):
+        driver.step()
+    driver.command("stop")
+    for _ in range(5):
+        driver.step(control_state=ControlState.ABORTING)
+        assert driver.session.state is SessionPhase.STOPPING
+    if says_why:
+        said = Violation(SafetyCode.STATE_STALE, "ot1", 0.4, 0.3, driver.now_ns)
+        driver.session.fail(said, announced=True)
+    driver.step()
+    assert driver.session.state.name.startswith("ABORT")
+    reason = driver.session.reasons[0]
+    assert reason.startswith("state_stale: ot1" if says_why else "object_aborted: ot1")
+
+
 def test_duration_and_a_missing_event(
     tools: Any, make_driver: Callable[[RunSpec], Any], run_mapping: dict[str, Any]
 ) -> None:
