@@ -253,13 +253,12 @@ class ScenarioManager(Node):
             self._inputs.safety_events += 1
         if violation.code is SafetyCode.PARTICIPANT_LOST:
             self._inputs.forget(violation.object_id)
-        violation = limits.in_session_time(violation, self._now_ns)
         if self._in_lockstep:
             # Taken up with the step that it belongs to, in an order of its own.
-            self._inputs.report(violation)
+            self._inputs.report(limits.in_session_time(violation, self._now_ns))
             self._step_when_complete()
             return
-        self._session.fail(violation, announced=True)
+        self._session.take_report(violation, self._now_ns)
         self._flush()
 
     # -- steps ---------------------------------------------------------------------------------

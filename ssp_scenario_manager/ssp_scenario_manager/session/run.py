@@ -31,6 +31,7 @@ class Run:
 
     Args:
         path: the VUT's planned path, frame map.
+        loaded_ns: session time.
 
     Attributes:
         started_ns: session time; None before the start.
@@ -38,9 +39,10 @@ class Run:
         evaluated_ns: stamp of the VUT's newest state that phases and adaptation were judged at.
     """
 
-    def __init__(self, spec: RunSpec, path: Polyline) -> None:
+    def __init__(self, spec: RunSpec, path: Polyline, loaded_ns: int = 0) -> None:
         self.spec = spec
         self.path = path
+        self.loaded_ns = loaded_ns
         self.started_ns: int | None = None
         self.armed = False
         self.evaluated_ns = -1

@@ -97,7 +97,7 @@ class Session:
             return Answer(False, REFUSED_TRANSITION, str(error))
         if spec.vut.approach is None:
             raise ValueError("a run without a path for the VUT passed the checks")
-        self._run = Run(spec=spec, path=Polyline(spec.vut.approach.path))
+        self._run = Run(spec, Polyline(spec.vut.approach.path), now_ns)
         references.prepare(spec)
         # What was heard so far belongs to another run.
         self.vut, self.targets, self._senders = None, {}, set()
@@ -237,6 +237,21 @@ class Session:
                 run.local_stops.take_refusal(refused)
                 return
         self.fail(refused)
+
+    def take_report(self, reported: limits.Violation, now_ns: int) -> None:
+        """Take a limit that another node saw passed, and has announced.
+
+        A latched report of an earlier live session ends none that only waits; from arming on every
+        report counts. In simulation the stamps of all sessions begin at 0.
+        """
+        run = self._run
+        if run is not None and run.spec.mode == "live" and not self._lasts:
+            early_ns = run.loaded_ns - reported.stamp_ns
+            if early_ns > seconds_to_ns(limits.REPORT_AGE_S):
+                text = f"not counted, since it is from before the load: {reported.text}"
+                self.outbox.append(outbox.Note(now_ns, text))
+                return
+        self.fail(limits.in_session_time(reported, now_ns), announced=True)
 
     def fail(self, violation: limits.Violation, announced: bool = False) -> None:
         """Take a limit that was passed: announce it and abort. The first one gives the verdict.

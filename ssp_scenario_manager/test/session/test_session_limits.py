@@ -366,6 +366,37 @@ def test_before_it_is_armed_nothing_is_watched_but_reports_count(
     assert tools.violations(driver.session.outbox) == []
 
 
+@pytest.mark.parametrize("phase", ["LOADED", "CONNECTED", "ARMED", "RUNNING", "ABORTING"])
+@pytest.mark.parametrize(
+    ("mode", "early_s", "is_old"),
+    [("live", 2, False), ("live", 3, True), ("realtime", 3, False), ("lockstep", 3, False)],
+)
+def test_a_report_from_before_the_load_ends_no_live_session_that_waits(
+    make_driver: Callable[[RunSpec], Any],
+    run: RunSpec,
+    tools: Any,
+    phase: str,
+    mode: str,
+    early_s: int,
+    is_old: bool,
+) -> None:
+    driver = make_driver(run.model_copy(update={"mode": mode}))
+    driver.now_ns = 1000 * S
+    tools.bring(driver, phase)
+    driver.session.outbox.clear()
+    stamp_ns = driver.now_ns - early_s * S
+    report = Violation(SafetyCode.STATE_STALE, "ot1", 1.0, 0.3, stamp_ns, "seen by object_target")
+    driver.session.take_report(report, driver.now_ns)
+    if is_old and phase in ("LOADED", "CONNECTED"):
+        assert driver.session.state.name == phase
+        text = "not counted, since it is from before the load: state_stale: ot1: 1 s, limit 0.3 s"
+        (note,) = driver.session.outbox
+        assert note == outbox.Note(driver.now_ns, f"{text} (seen by object_target)")
+    else:
+        assert driver.session.state is SessionPhase.ABORTING
+        assert any(reason.startswith("state_stale: ot1") for reason in driver.session.reasons)
+
+
 # -- objects that don't take part any more ---------------------------------------------------------
 
 
