@@ -27,6 +27,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Dreq,
     Message,
     ObjectCommand,
+    ObjectError,
     Osem,
     Ostm,
     Strt,
@@ -181,6 +182,19 @@ def test_it_is_armed_once_and_counts_as_armed_when_it_says_so() -> None:
         ({"number": 5}, ["its test object reports POSTRUN (5), not DISARMED (3)"]),
         ({"number": 77}, ["its test object reports 77 (no known state), not DISARMED (3)"]),
         ({"number": None}, ["its test object reports no state, not DISARMED (3)"]),
+        ({"errors": ObjectError.ABORT_REQUEST}, ["its test object requests an abort"]),
+        (
+            {"errors": ObjectError.OUTSIDE_GEOFENCE},
+            ["its test object says that it is outside its geofence"],
+        ),
+        (
+            {"errors": ObjectError.ENGINE_FAULT | ObjectError.BATTERY_FAULT},
+            [
+                "its test object reports an engine fault",
+                "its test object reports a battery fault",
+            ],
+        ),
+        ({"errors": ObjectError.VENDOR | ObjectError.OTHER}, []),
         (
             {"gate": ("no probe report", "another firmware"), "has_report": False},
             ["no probe report", "another firmware", "its test object sends no MONR"],
@@ -394,6 +408,43 @@ def test_a_contradiction_while_running_is_told_at_once(
     assert t.violation is SafetyCode.OBJECT_CONTRADICTS
     assert t.words == f"reports {text} while it is to run"
     assert t.conversation.check.violation.measured == measured  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("errors", "text"),
+    [
+        (ObjectError.ABORT_REQUEST, "requests an abort"),
+        (ObjectError.OUTSIDE_GEOFENCE, "says that it is outside its geofence"),
+    ],
+)
+def test_an_object_that_must_not_drive_ends_what_its_target_does(
+    errors: ObjectError, text: str
+) -> None:
+    running_talk, armed_talk, arming, stopping = running(), armed(), talk(), running()
+    arming.decides(C.PRE_ARMING)
+    stopping.decides(C.POSTRUN, P.STOPPING)
+    for t in (running_talk, armed_talk, arming, stopping):
+        t.reported = replace(t.reported, errors=errors)
+        t.run()
+        assert t.violation is SafetyCode.OBJECT_CONTRADICTS
+        assert t.words == f"{t.reported.text} and {text}"
+
+
+@pytest.mark.parametrize("state", [C.DISARMED, C.ABORTING])
+def test_errors_of_an_object_that_is_not_to_drive_end_nothing(state: C) -> None:
+    t = talk()
+    t.reported = replace(t.reported, errors=0xFF)
+    t.decides(state)
+    t.run(5.0)
+    assert t.violation is None
+
+
+@pytest.mark.parametrize("errors", [ObjectError.ENGINE_FAULT, ObjectError.BATTERY_FAULT])
+def test_a_fault_of_engine_or_battery_alone_ends_no_run(errors: ObjectError) -> None:
+    t = running()
+    t.reported = replace(t.reported, errors=errors)
+    t.run(1.0)
+    assert t.violation is None
 
 
 def test_an_object_that_does_not_follow_is_waited_for_and_then_told() -> None:

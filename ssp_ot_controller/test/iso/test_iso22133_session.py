@@ -215,6 +215,11 @@ FAULTS = {
     "state contradicts": Fault(
         monr_changed(state=ControlState.DISARMED.value), 0.0, SafetyCode.OBJECT_CONTRADICTS
     ),
+    "requests an abort": Fault(
+        monr_changed(error_status=ObjectError.ABORT_REQUEST.value),
+        0.0,
+        SafetyCode.OBJECT_CONTRADICTS,
+    ),
     "state without a name": Fault(monr_changed(state=77), 0.0, SafetyCode.OBJECT_CONTRADICTS),
     "control connection lost": Fault(
         lambda loop: loop.link.lose(), 0.0, SafetyCode.CONNECTION_LOST

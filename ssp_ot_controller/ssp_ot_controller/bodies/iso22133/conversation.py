@@ -11,7 +11,7 @@ drives, ``Conversation`` the rest. A new connection, or a new arming, forgets th
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
@@ -32,6 +32,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Heab,
     Message,
     ObjectCommand,
+    ObjectError,
     Osem,
     OsemTestMode,
     Ostm,
@@ -70,6 +71,15 @@ _ASKED = {
     C.POSTRUN: "was commanded to stop",
 }
 _NOT_ASKED = "was to stand disarmed"
+# Errors with which an object must not drive, and all with which it isn't armed.
+_ENDS = {
+    ObjectError.ABORT_REQUEST: "requests an abort",
+    ObjectError.OUTSIDE_GEOFENCE: "says that it is outside its geofence",
+}
+_KEEPS_FROM_ARMING = _ENDS | {
+    ObjectError.ENGINE_FAULT: "reports an engine fault",
+    ObjectError.BATTERY_FAULT: "reports a battery fault",
+}
 # Before these nobody waits for an object's state.
 _EARLY = (P.UNKNOWN, P.IDLE, P.LOADED)
 
@@ -83,6 +93,7 @@ class NewestReport:
         number: of the state in its newest MONR; None before the first, and for 'unavailable'.
         has_report: a MONR has come since it was connected.
         speed_mps: of its newest MONR.
+        errors: error status of its newest MONR, bits of ObjectError.
         gate: why its probe report doesn't let it be armed, as sentences; empty when it does.
         lasting: no connection to come changes that.
         problem: why its control connection doesn't stand.
@@ -92,6 +103,7 @@ class NewestReport:
     number: int | None = None
     has_report: bool = False
     speed_mps: float = 0.0
+    errors: int = 0
     gate: tuple[str, ...] = ()
     lasting: bool = False
     problem: str = ""
@@ -108,6 +120,10 @@ class NewestReport:
     def text(self) -> str:
         """Describe a reason for people."""
         return f"reports {state_text(self.number)}"
+
+    def texts_of(self, errors: Mapping[ObjectError, str]) -> list[str]:
+        """Return the texts of those of the errors that are reported."""
+        return [text for error, text in errors.items() if error & self.errors]
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,6 +388,7 @@ class Conversation:
             lacks.append("its test object sends no MONR")
         elif self._decided.state is C.DISARMED and reported.state is not C.DISARMED:
             lacks.append(f"its test object {reported.text}, not DISARMED (3)")
+        lacks += [f"its test object {text}" for text in reported.texts_of(_KEEPS_FROM_ARMING)]
         armed = reported.connected and reported.state is C.ARMED
         missed = self._missed_start
         cannot_arm = (*reported.gate, *lacks)
@@ -479,7 +496,7 @@ class Conversation:
         return LimitViolation(SafetyCode.OBJECT_CONTRADICTS, measured, patience_s, words)
 
     def _judge(self, now_ns: int) -> LimitViolation | None:
-        """Find a violation in the object's own state."""
+        """Find a violation in the object's own state and errors."""
         decided, reported = self._decided, self._reported
         if decided.state in (C.ABORTING, C.OFF, C.INIT):
             return None
@@ -488,6 +505,9 @@ class Conversation:
                 return None
             why = f"lost its control connection: {reported.problem or 'it broke for a moment'}"
             return LimitViolation(SafetyCode.CONNECTION_LOST, 0.0, 0.0, why)
+        ends = reported.texts_of(_ENDS)
+        if ends and decided.state in _PHASE_OF:
+            return self._contradiction(f"and {' and '.join(ends)}", 0.0)
         phase = self._phase
         agreement = fit(phase, reported.state)
         if agreement is Fit.AGREES or phase in _EARLY or not reported.has_report:

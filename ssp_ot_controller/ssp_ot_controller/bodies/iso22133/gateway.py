@@ -303,7 +303,12 @@ class IsoBody:
             # What an attempt under way may change is told when it has ended.
             problem = f"{self._link.name}: {self._link.problem}"
         self._reported = replace(
-            self._reported, connected=False, number=None, has_report=False, problem=problem
+            self._reported,
+            connected=False,
+            number=None,
+            has_report=False,
+            errors=0,
+            problem=problem,
         )
         if was_connected:
             self._conversation.on_lost()
@@ -348,7 +353,11 @@ class IsoBody:
                 self.statistics.take(message, reading.stamp_ns, arrived_ns)
             speed = self._reported.speed_mps if message.speed_mps is None else message.speed_mps
             self._reported = replace(
-                self._reported, has_report=True, number=message.state, speed_mps=speed
+                self._reported,
+                has_report=True,
+                number=message.state,
+                speed_mps=speed,
+                errors=message.error_status,
             )
         elif isinstance(message, Dres):
             self._gate.firmware = message.firmware
