@@ -175,6 +175,36 @@ def test_an_object_is_led_and_read(body: IsoBody, sockets: ObjectSockets, notes:
     peer.close()
 
 
+def test_a_late_report_changes_neither_state_nor_speed(
+    body: IsoBody, sockets: ObjectSockets
+) -> None:
+    """One without a place changes them: it may be the newest."""
+    peer = connected(body, sockets)
+    body.beat(time.time_ns())
+    peer.beat()
+    now_ns = time.time_ns()
+
+    def hears(at_ns: int, count: int, **changes: Any) -> None:
+        peer.says(at_ns, **changes)
+
+        def came() -> bool:
+            body.poll(now_ns)
+            return body.statistics.count == count
+
+        until(came, "MONR")
+        body.follow(TrajectoryDecision(SessionPhase.CONNECTED, ControlState.DISARMED), now_ns)
+
+    hears(now_ns, 1, state=ControlState.DISARMED.value, speed_mps=0.0)
+    for number, at_ns in enumerate((now_ns, now_ns - 20_000_000), start=2):
+        hears(at_ns, number, state=ControlState.ARMED.value, speed_mps=5.0, error_status=0x80)
+        assert not body.check.armed
+        assert body.check.cannot_arm == ()
+    assert "older than the newest one" in body.problems()[0]
+    hears(now_ns, 4, state=ControlState.ARMED.value, x_m=None)
+    assert body.check.armed
+    peer.close()
+
+
 def test_a_lost_object_is_told_and_connected_again(
     body: IsoBody, sockets: ObjectSockets, notes: list[str]
 ) -> None:

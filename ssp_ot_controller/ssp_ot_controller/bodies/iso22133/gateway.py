@@ -22,7 +22,7 @@ from ssp_core.run_file.participants import ParticipantSpec
 from ssp_ot_controller.bodies.body import BodyCheck, BodyReading, TrajectoryDecision
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.bodies.iso22133.conversation import Conversation, NewestReport, Settings
-from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, RejectedBytes
+from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Reason, RejectedBytes
 from ssp_ot_controller.bodies.iso22133.link import Link, Tap
 from ssp_ot_controller.bodies.iso22133.messages import (
     DecodedMessage,
@@ -348,6 +348,8 @@ class IsoBody:
             if isinstance(reading, RejectedBytes):
                 self._reject(reading)
                 self.statistics.take(message, None, arrived_ns)
+                if reading.reason is Reason.ORDER:
+                    return  # a newer one has said what counts
             else:
                 self._newest, self._refused = reading, ""
                 self.statistics.take(message, reading.stamp_ns, arrived_ns)
