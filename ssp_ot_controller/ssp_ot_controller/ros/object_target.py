@@ -202,6 +202,12 @@ class TestObjectEndpoints:
         if self._live.listen(time.time_ns()):
             self._on_report()
 
+    def beat_at_once(self) -> None:
+        """Send heartbeats that don't wait for their timer, which may not run any more."""
+        for _ in range(HEABS_AT_ONCE):
+            self._beat()
+        self.publish_frames()
+
     def publish_frames(self) -> None:
         """Publish the frames since the last call."""
         for batch in self._live.frames():
@@ -211,6 +217,8 @@ class TestObjectEndpoints:
 LATE_ANSWER_PERIOD_S = 0.005
 # Test objects: of the heartbeats, of looking at their sockets, and of the messages of raw frames.
 HEAB_PERIOD_S = 1.0 / HEAB_RATE_HZ
+# Datagrams get lost.
+HEABS_AT_ONCE = 5
 LISTEN_PERIOD_S = 0.002
 FRAMES_PERIOD_S = 0.1
 WATCHDOG_PERIOD_S = 0.05
@@ -289,9 +297,11 @@ class ObjectProcess:
             self._live = None
 
     def halt(self) -> None:
-        """Stop every object that may move, until it is cleared."""
+        """Stop every object that may move, until it is cleared; test objects hear it at once."""
         self.pool.active = False
         self._send(self.pool.halt(time.monotonic_ns()))
+        if self._test_objects is not None:
+            self._test_objects.beat_at_once()
 
     def _hear(self, run: RunSpec) -> None:
         node, pool, sub = self._node, self.pool, partial(ros.subscribe_raw, self._node)

@@ -249,6 +249,26 @@ def test_a_connection_is_tried_again_once_a_second_by_a_clock_that_is_set_back_t
     body.close()
 
 
+def test_an_abort_is_sent_without_a_control_connection_too(
+    body: IsoBody, sockets: ObjectSockets, notes: list[str]
+) -> None:
+    peer = connected(body, sockets)
+    sockets.tcp.close()
+    peer.close()
+
+    def reports_loss() -> bool:
+        body.poll(time.time_ns())
+        return any("not connected any more" in text for text in notes)
+
+    until(reports_loss, "loss")
+    for state in (ControlState.RUNNING, ControlState.ABORTING):
+        body.follow(TrajectoryDecision(SessionPhase.RUNNING, state), time.time_ns())
+        body.beat(time.time_ns())
+    heab = peer.beat()
+    assert isinstance(heab, Heab)
+    assert heab.status == CentreStatus.ABORT
+
+
 def test_without_a_datum_there_is_no_test_object(sockets: ObjectSockets) -> None:
     run = RunSpec.model_validate(small_run(mode="live"))
     with pytest.raises(InputError, match="datum"):

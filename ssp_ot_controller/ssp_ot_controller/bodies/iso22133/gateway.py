@@ -25,6 +25,7 @@ from ssp_ot_controller.bodies.iso22133.conversation import Conversation, NewestR
 from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Reason, RejectedBytes
 from ssp_ot_controller.bodies.iso22133.link import Link, Tap
 from ssp_ot_controller.bodies.iso22133.messages import (
+    CentreStatus,
     DecodedMessage,
     Dres,
     Monr,
@@ -330,11 +331,11 @@ class IsoBody:
                 self._link.send(message)
 
     def beat(self, now_ns: int) -> None:
-        """Send one heartbeat, and what else is due."""
-        if self._link.connected:
-            heab = self._conversation.heab(now_ns)
-            if heab is not None:
-                self._link.send(heab)
+        """Send one heartbeat, an abort without a connection too, and what else is due."""
+        heab = self._conversation.heab(now_ns)
+        aborts = heab is not None and heab.status == CentreStatus.ABORT
+        if heab is not None and (self._link.connected or aborts):
+            self._link.send(heab)
         self.send(now_ns)
 
     # -- inside --------------------------------------------------------------------------------

@@ -200,7 +200,7 @@ class Link:
         return messages
 
     def send(self, message: Message, *, acknowledge: bool = False) -> Header:
-        """Send a message; without a connection it is lost, as it may be on its way.
+        """Send a message; without a connection it is lost, unless it goes by UDP.
 
         Raises:
             ValueError: a value that the wire can't say.
