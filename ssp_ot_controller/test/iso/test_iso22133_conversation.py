@@ -34,8 +34,10 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Traj,
     TrajectoryInfo,
     TrajPoint,
+    encode,
 )
 from ssp_ot_controller.bodies.iso22133.units import to_gps
+from tests.support.iso22133.messages import message_of
 
 T0 = 1_800_000_000 * NS_PER_S
 STEP_NS = 10_000_000
@@ -148,6 +150,13 @@ def test_an_object_gets_its_settings_and_first_trajectory_at_once_and_is_asked_w
     assert (traj.points[0].x_m, traj.points[-1].t_s, traj.points[-1].x_m) == (0.0, 20.0, 100.0)
     t.run(PAUSE_NS / NS_PER_S)
     assert isinstance(t.sent[2], Dreq)
+
+
+def test_deviations_beyond_what_an_osem_can_say_are_sent_as_its_largest() -> None:
+    wide = LIMITS.model_copy(update={"error_longitudinal_m": 1000.0, "error_lateral_m": 100.0})
+    osem = message_of(encode(Settings(7, DATUM, wide, None, STANDS).osem(T0)))
+    assert isinstance(osem, Osem)
+    assert (osem.max_way_deviation_m, osem.max_lateral_deviation_m) == (65.534, 65.534)
 
 
 def test_one_without_an_approach_gets_a_standstill() -> None:

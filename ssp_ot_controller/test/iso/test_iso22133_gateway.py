@@ -275,6 +275,14 @@ def test_without_a_datum_there_is_no_test_object(sockets: ObjectSockets) -> None
         IsoBody(run, run.targets[0], IsoAddress(sockets.host, sockets.port), 1, print)
 
 
+def test_a_timeout_that_the_object_would_read_as_none_is_refused(sockets: ObjectSockets) -> None:
+    limits = {"speed_mps": 15.0, "acceleration_mps2": 4.0, "heartbeat_s": 0.009}
+    run = RunSpec.model_validate(small_run(mode="live", datum=DATUM, limits=limits))
+    with pytest.raises(InputError, match=r"limits\.heartbeat_s: .* 0\.01 s .*0\.009") as caught:
+        IsoBody(run, run.targets[0], IsoAddress(sockets.host, sockets.port), 1, print)
+    assert caught.value.remedy
+
+
 def test_without_a_report_or_a_name_it_cannot_be_armed(sockets: ObjectSockets) -> None:
     run = RunSpec.model_validate(small_run(mode="live", datum=DATUM))
     body = IsoBody(run, run.targets[0], IsoAddress(sockets.host, sockets.port), 1, print)

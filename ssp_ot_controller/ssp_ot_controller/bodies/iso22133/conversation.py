@@ -48,6 +48,9 @@ HEAB_RATE_HZ = 100
 MONR_RATE_HZ = 100
 # Public objects take what came with a TRAJ or a DREQ in one read for a part of it.
 PAUSE_NS = 250_000_000
+# What an OSEM can say: the largest deviations, and the shortest timeout of heartbeats.
+MOST_DEVIATION_M = 65.534
+LEAST_TIMEOUT_S = 0.01
 # How long an object's state may lag behind ours; arming may take longer.
 LAG_S = 1.0
 ARMING_S = 3.0
@@ -146,7 +149,10 @@ class Settings:
     honours_start_time: bool = False
 
     def osem(self, now_ns: int) -> Osem:
-        """Return the settings as they are sent; the coordinate system isn't rotated."""
+        """Return the settings as they are sent; the coordinate system isn't rotated.
+
+        Larger deviations than an OSEM can say are sent as the largest one.
+        """
         place, limits = self.datum.place, self.limits
         week, time_of_week_ns = to_gps(now_ns)
         today = datetime.fromtimestamp(now_ns / NS_PER_S, UTC)
@@ -163,8 +169,8 @@ class Settings:
             week=week,
             time_of_week_ns=time_of_week_ns,
             leap_seconds=leap_seconds(now_ns),
-            max_way_deviation_m=limits.error_longitudinal_m,
-            max_lateral_deviation_m=limits.error_lateral_m,
+            max_way_deviation_m=min(limits.error_longitudinal_m, MOST_DEVIATION_M),
+            max_lateral_deviation_m=min(limits.error_lateral_m, MOST_DEVIATION_M),
             max_yaw_deviation_rad=limits.error_yaw_rad,
             max_position_error_m=limits.position_std_m,
             heab_timeout_s=limits.heartbeat_s,

@@ -21,7 +21,12 @@ from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_ot_controller.bodies.body import BodyCheck, BodyReading, TrajectoryDecision
 from ssp_ot_controller.bodies.dynamics import Command
-from ssp_ot_controller.bodies.iso22133.conversation import Conversation, NewestReport, Settings
+from ssp_ot_controller.bodies.iso22133.conversation import (
+    LEAST_TIMEOUT_S,
+    Conversation,
+    NewestReport,
+    Settings,
+)
 from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Reason, RejectedBytes
 from ssp_ot_controller.bodies.iso22133.link import Link, Tap
 from ssp_ot_controller.bodies.iso22133.messages import (
@@ -194,7 +199,8 @@ class IsoBody:
         make_link: of host, port and tap.
 
     Raises:
-        InputError: the run has no datum, or the probe report can't be read.
+        InputError: the run has no datum, or a limit that the object can't be sent, or the probe
+            report can't be read.
         HostError: there is no way to that address.
     """
 
@@ -212,6 +218,14 @@ class IsoBody:
                 f"{spec.id} speaks ISO 22133, and the run doesn't say where it takes place",
                 field="datum",
                 remedy="give the site file a datum and compile the run anew (docs/sites.md)",
+            )
+        if run.limits.heartbeat_s < LEAST_TIMEOUT_S:
+            raise InputError(
+                f"{spec.id} speaks ISO 22133, whose timeout of heartbeats is {LEAST_TIMEOUT_S:g} s "
+                "or more",
+                field="limits.heartbeat_s",
+                value=run.limits.heartbeat_s,
+                remedy="give the site file a longer one and compile the run anew",
             )
         datum = run.datum.datum
         self._say = Announcements(spec.id, tell)
