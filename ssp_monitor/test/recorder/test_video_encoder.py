@@ -227,7 +227,9 @@ def test_a_damaged_video_frame_is_an_error_or_reported(tmp_path):
     video[5] = video[5]._replace(data=video[5].data[:20])
     path = video_bag(tmp_path / "bag", video)
     with BagReader(path) as bag:
-        with pytest.raises(InputError, match=f"{TOPIC}: holds a frame at {video[5].log_time_ns}"):
+        with pytest.raises(
+            InputError, match=f"{TOPIC}: has an invalid frame at {video[5].log_time_ns}"
+        ):
             list(Frames(bag, TOPIC).pictures())
         told: list[int] = []
         frames = Frames(bag, TOPIC, lambda log_time_ns, _: told.append(log_time_ns))

@@ -368,8 +368,7 @@ class StepwiseClient:
         self._waiting, self._start_request_at, self._refusal = None, None, ()
         if not_after_ns:
             start_by_ns = now_ns + not_after_ns - time.time_ns()
-            file, state = self._run_file, self._session
-            self._script = RunScript(file, now_ns, start_by_ns, file, state)
+            self._script = RunScript(self._run_file, now_ns, start_by_ns, self._run_file)
         else:
             self._script = RunScript(self._run_file, now_ns)
 
