@@ -81,18 +81,20 @@ class Stopping:
         return timeout_s + self.reaction_s + abs(speed_mps) / self.deceleration_mps2
 
 
-def stopping_of(cls: ObjectClass, limits: Limits, step_s: float) -> Stopping:
+def stopping_of(cls: ObjectClass, limits: Limits, step_s: float, slows_s: float = 0.0) -> Stopping:
     """Return how an object target of a class stops on a site.
 
     Args:
         cls: with a body; KeyError for UNKNOWN.
         limits: of the site; give the deceleration of a stop.
         step_s: how often the object judges its state, s.
+        slows_s: measured from the command to stop to the slowing of its body; counts where it is
+            more than the brakes' lag of the class, s.
     """
     deceleration = min(
         limits.stop_deceleration_mps2, SERVICE_BRAKE_MPS2[cls], limits.acceleration_mps2
     )
-    return Stopping(_STEPS_TO_REACT * step_s + BRAKE_LAG_S[cls], deceleration)
+    return Stopping(_STEPS_TO_REACT * step_s + max(BRAKE_LAG_S[cls], slows_s), deceleration)
 
 
 # References must leave this much more room than an object that drives them, which is never exactly
@@ -130,9 +132,11 @@ def blind_s(limits: Limits) -> float:
     return max(limits.state_age_s, limits.frozen_s)
 
 
-def blind_stopping(cls: ObjectClass, limits: Limits, step_s: float) -> Stopping:
+def blind_stopping(
+    cls: ObjectClass, limits: Limits, step_s: float, slows_s: float = 0.0
+) -> Stopping:
     """Return how an object of a class stops once it has noticed that it is blind."""
-    usual = stopping_of(cls, limits, step_s)
+    usual = stopping_of(cls, limits, step_s, slows_s)
     return Stopping(usual.reaction_s, EMERGENCY_BRAKE_MPS2[cls])
 
 
@@ -149,6 +153,7 @@ def blind_excess_m(
     limits: Limits,
     fence: Sequence[tuple[float, float]],
     step_s: float,
+    slows_s: float = 0.0,
 ) -> FloatArray:
     """Compute how far blind stops from a reference's points would lead outside, m; shape (n,).
 
@@ -161,11 +166,12 @@ def blind_excess_m(
         limits: of the run.
         fence: polygon, m, frame map.
         step_s: how often the object judges its state.
+        slows_s: see ``stopping_of``.
     """
     _, x, y, yaw, speed, _, curvature = columns
     if cls is ObjectClass.PEDESTRIAN:
         curvature = np.zeros(len(speed))
-    stop = blind_stopping(cls, limits, step_s)
+    stop = blind_stopping(cls, limits, step_s, slows_s)
     way = speed * (blind_s(limits) + stop.reaction_s) + stop.margin_m
     way += speed**2 / (2.0 * stop.deceleration_mps2) + SLACK_STOP_M
     places = arc_places(float(way.max()), float(np.abs(curvature).max()))

@@ -57,6 +57,7 @@ class BodyCheck:
         violation: what it does that it must not; the object stops and latches.
         missed_start: its start time is over, and it doesn't report to run; the reason for what
             else is wrong with an object that stands where it should drive.
+        slows_s: measured from an abort to its slowing, s; 0: stops as the bodies of its class.
     """
 
     armed: bool = True
@@ -64,6 +65,7 @@ class BodyCheck:
     lasting: bool = False
     violation: LimitViolation | None = None
     missed_start: LimitViolation | None = None
+    slows_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

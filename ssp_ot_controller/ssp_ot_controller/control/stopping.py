@@ -184,6 +184,7 @@ class StoppingRoom:
     Args:
         fence: polygon, m, frame map.
         step_s: how often the object judges its state.
+        slows_s: see ``ssp_core.safety.stopping.stopping_of``.
     """
 
     def __init__(
@@ -193,8 +194,9 @@ class StoppingRoom:
         limits: Limits,
         fence: Sequence[Point],
         step_s: float,
+        slows_s: float = 0.0,
     ) -> None:
-        self._cls, self._limits, self._step_s = cls, limits, step_s
+        self._cls, self._limits, self._step_s, self._slows_s = cls, limits, step_s, slows_s
         self._size = size
         self._fence = list(fence)
         self._room = KnownRoom(self._fence)
@@ -202,9 +204,8 @@ class StoppingRoom:
         self._last: Pose2 | None = None
         self._reach_m = size.reach_m
         self._turns = cls is not ObjectClass.PEDESTRIAN
-        self._along = stopping_of(cls, limits, step_s)
-        self._blind = blind_stopping(cls, limits, step_s)
-        self._blind_s = blind_s(limits)
+        self._along = stopping_of(cls, limits, step_s, slows_s)
+        self._blind = blind_stopping(cls, limits, step_s, slows_s)
 
     def outside_m(self, state: ObjectState) -> float:
         """Compute how far the object sticks out of the fence, here or since the last state.
@@ -234,7 +235,7 @@ class StoppingRoom:
             track: the reference that it drives; None without one.
         """
         here, speed = Pose2(state.x_m, state.y_m, state.yaw_rad), abs(state.speed_mps)
-        blind_m = self._blind.distance_m(speed, self._blind_s)
+        blind_m = self._blind.distance_m(speed, blind_s(self._limits))
         curvature = state.yaw_rate_radps / speed if self._turns and speed > 0.5 else 0.0
         worst = self._stop_excess_m(here, curvature, blind_m, self._ahead)
         if left_m is not None and track is not None:
@@ -299,7 +300,13 @@ class StoppingRoom:
 
     def _blindly(self, columns: FloatArray, points: NDArray[np.intp]) -> Shortfall | None:
         worst = blind_excess_m(
-            columns[:, points], self._cls, self._size, self._limits, self._fence, self._step_s
+            columns[:, points],
+            self._cls,
+            self._size,
+            self._limits,
+            self._fence,
+            self._step_s,
+            self._slows_s,
         )
         if not worst.max() > 0.0:
             return None

@@ -18,6 +18,11 @@ from ssp_ot_controller.objects.references import ReferenceQueue, Refusal, check_
 from ssp_ot_controller.objects.rules import Rules
 
 
+def room_of(spec: ParticipantSpec, run: Rules, slows_s: float = 0.0) -> StoppingRoom:
+    """Return the room for an object's stops; arguments as for ``StoppingRoom``."""
+    return StoppingRoom(spec.cls, spec.size, run.limits, run.geofence, run.step_s, slows_s)
+
+
 class Driving:
     """References, tracker and stopping room of one object.
 
@@ -36,10 +41,14 @@ class Driving:
     def __init__(self, spec: ParticipantSpec, run: Rules) -> None:
         self.queue = ReferenceQueue()
         self.error: TrackingError | None = None
-        self._run = run
+        self._spec, self._run = spec, run
         self._body_limits = tightened(LIMITS[spec.cls], run.limits)
         self._tracker = Tracker(spec.cls, self._body_limits, run.step_s)
-        self._stop_room = StoppingRoom(spec.cls, spec.size, run.limits, run.geofence, run.step_s)
+        self._stop_room = room_of(spec, run)
+
+    def brake_late(self, slows_s: float) -> None:
+        """Judge stops by the time that the object's body takes until it slows, s."""
+        self._stop_room = room_of(self._spec, self._run, slows_s)
 
     def check(
         self, reference: Reference, now_ns: int, own: ObjectState, control_state: ControlState

@@ -13,10 +13,12 @@ from ssp_core.cdr.steps import WorldTick
 from ssp_core.errors import InputError
 from ssp_core.names import BODY_ADDRESSES, udp_body
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety.body_status import BodyStatus
 from ssp_ot_controller.bodies.body import Body, MirrorBody
 from ssp_ot_controller.bodies.iso22133.gateway import IsoAddress, IsoBody
 from ssp_ot_controller.bodies.protocol import UdpBody
+from ssp_ot_controller.objects.driving import room_of
 from ssp_ot_controller.objects.live_object import LiveObject, ReadingLimits
 from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
 
@@ -117,6 +119,27 @@ def open_bodies(
     return bodies
 
 
+def no_room(run: RunSpec, spec: ParticipantSpec, body: Body) -> tuple[str, ...]:
+    """Say that a test object that brakes late can't stop inside the fence on its approach.
+
+    Returns:
+        One sentence; empty where it can, or drives no approach.
+    """
+    if not isinstance(body, IsoBody) or body.approach is None or not body.slows_s:
+        return ()
+    places = body.approach.places
+    lack = room_of(spec, run, body.slows_s).lack(places)
+    if lack is None:
+        return ()
+    _, x, y, _, speed, _, _ = places[:, lack.point]
+    return (
+        f"its probe report shows {body.slows_s:.3f} s from an abort to the first slowing: on its "
+        f"approach {lack.how} from x {x:.2f} m, y {y:.2f} m ({speed:.1f} m/s) on leads "
+        f"{lack.excess_m:.3f} m outside the geofence, limit is 0 m: it needs a larger fence, a "
+        "slower approach, or brakes that answer sooner",
+    )
+
+
 class LiveObjects:
     """All bodies of one process, stepped on the session's clock. Reads no clock itself.
 
@@ -135,7 +158,10 @@ class LiveObjects:
             _STEP_SHARE * run.step_s if self._test_objects else 0.0,
             _SILENT_STEPS * run.step_s,
         )
-        self._objects = {i: LiveObject(body, specs[i], limits) for i, body in bodies.items()}
+        self._objects = {
+            i: LiveObject(body, specs[i], limits, no_room(run, specs[i], body))
+            for i, body in bodies.items()
+        }
         self._warn = warn
         self._step = 0
 
@@ -189,7 +215,7 @@ class LiveObjects:
         """
         for object_id in self._objects if among is None else among:
             if object_id in self._test_objects:
-                pool.target_of(object_id).body = self._test_objects[object_id].check
+                pool.target_of(object_id).body = self._objects[object_id].check
 
     def follow(self, pool: ObjectPool, now_ns: int, among: Iterable[str] | None = None) -> None:
         """Tell test objects what their object targets decided; ``among`` as for ``check``."""

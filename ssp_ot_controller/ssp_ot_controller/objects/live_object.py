@@ -6,7 +6,7 @@ Reads no clock.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.leap_seconds import leap_seconds
@@ -52,10 +52,18 @@ class LiveObject:
 
     Args:
         spec: of the object.
+        no_room: why the object must not drive its approach, as sentences; empty where it may.
     """
 
-    def __init__(self, body: Body, spec: ParticipantSpec, limits: ReadingLimits) -> None:
+    def __init__(
+        self,
+        body: Body,
+        spec: ParticipantSpec,
+        limits: ReadingLimits,
+        no_room: tuple[str, ...] = (),
+    ) -> None:
         self.body = body
+        self._no_room = no_room
         self._spec = spec
         self._limits = limits
         self._newest: BodyReading | None = None
@@ -129,12 +137,25 @@ class LiveObject:
 
     # -- what is wrong -------------------------------------------------------------------------
 
+    @property
+    def check(self) -> BodyCheck:
+        """Return the judgement of a body with a control state of its own, and of its stops."""
+        if not isinstance(self.body, IsoBody):
+            return BodyCheck()
+        check = self.body.check
+        return replace(
+            check,
+            cannot_arm=(*check.cannot_arm, *self._no_room),
+            lasting=check.lasting or bool(self._no_room),
+            slows_s=self.body.slows_s,
+        )
+
     def status(self, now_ns: int) -> BodyStatus:
         """Report what keeps the object from being seen and armed."""
         silent = self._newest is None or ns_to_seconds(now_ns - self._reading_ns) > _QUIET_S
         problems = (self._ahead,) if self._ahead else self.body.problems()
         by_itself = isinstance(self.body, IsoBody)
-        check = self.body.check if isinstance(self.body, IsoBody) else BodyCheck()
+        check = self.check
         late = () if silent else self._late(now_ns)
         deaf = () if silent or by_itself else self._deaf()
         no_state = problems if silent else ()

@@ -79,8 +79,7 @@ class Target:
         self.object_id = object_id
         self.state = ControlState.OFF
         self.session = SessionPhase.UNKNOWN
-        # Of a body with a control state of its own.
-        self.body = BodyCheck()
+        self._body = BodyCheck()
         self._run = run
         self._aborts = Aborts()
         self._states = OwnStates(spec, run.limits)
@@ -89,6 +88,17 @@ class Target:
         self._refused = 0
         self._running_since_ns: int | None = None
         self._last_violation: LimitViolation | None = None
+
+    @property
+    def body(self) -> BodyCheck:
+        """Return what a body with a control state of its own is found to be."""
+        return self._body
+
+    @body.setter
+    def body(self, check: BodyCheck) -> None:
+        if check.slows_s != self._body.slows_s:
+            self._driving.brake_late(check.slows_s)
+        self._body = check
 
     # -- commands ------------------------------------------------------------------------------
 

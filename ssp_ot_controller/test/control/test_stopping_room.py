@@ -9,13 +9,13 @@ import pytest
 
 from ssp_core.geometry import Polyline
 from ssp_core.motion.manoeuvre import drive_along, lane_change
-from ssp_core.motion.reference import Reference
+from ssp_core.motion.reference import Points, Reference
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.stopping import EMERGENCY_BRAKE_MPS2, stopping_of
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS as BODIES
-from ssp_ot_controller.control.stopping import StoppingRoom
+from ssp_ot_controller.control.stopping import Shortfall, StoppingRoom
 from ssp_ot_controller.control.tracker import Track
 from tests.support.states import object_state
 
@@ -38,9 +38,9 @@ def state(cls: ObjectClass = CAR, **changes: float) -> ObjectState:
     return object_state("ot1", cls, **{"x_m": 50.0, "speed_mps": 10.0, **changes})
 
 
-def blind_m(speed_mps: float, cls: ObjectClass = CAR) -> float:
+def blind_m(speed_mps: float, cls: ObjectClass = CAR, slows_s: float = 0.0) -> float:
     """v (silence + reaction) + v^2 / 2a with the hardest braking, and the margin."""
-    s = stopping_of(cls, LIMITS, 0.02)
+    s = stopping_of(cls, LIMITS, 0.02, slows_s)
     hardest = BODIES[cls].emergency_deceleration_mps2
     return speed_mps * (0.3 + s.reaction_s) + speed_mps**2 / (2.0 * hardest) + s.margin_m
 
@@ -59,6 +59,40 @@ def test_blind_stop_straight_on_at_its_boundary(speed_mps: float) -> None:
     assert room(end_m=end_m).excess_m(here, None, None) == 0.0
     assert room(end_m=end_m + 0.01).excess_m(here, None, None) == 0.0
     assert room(end_m=end_m - 0.01).excess_m(here, None, None) == pytest.approx(0.01)
+
+
+def test_a_body_that_slows_late_needs_its_way_until_then() -> None:
+    """One second beside the 0.25 s that the brakes of a car need, at 10 m/s."""
+    assert stopping_of(CAR, LIMITS, 0.02, 0.1) == stopping_of(CAR, LIMITS, 0.02)
+    assert blind_m(10.0, slows_s=1.0) == pytest.approx(blind_m(10.0) + 7.5)
+    here = state()
+    for more_m in (0.01, -0.01):
+        around = fence(end_m=50.0 + blind_m(10.0, slows_s=1.0) + here.size.front_m + more_m)
+        late = StoppingRoom(CAR, here.size, LIMITS, around, 0.02, 1.0)
+        assert late.excess_m(here, None, None) == pytest.approx(max(-more_m, 0.0))
+        assert StoppingRoom(CAR, here.size, LIMITS, around, 0.02).excess_m(here, None, None) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("points", "sides", "how"),
+    [
+        (DRIVE, {"end_m": 204.6}, "past its end"),
+        (lane_change(PATH, 10.0, 13.0, -3.5, 2.5, 13.0, 2.0), {"right_m": -12.0}, "its steering"),
+    ],
+    ids=["past its end", "blind"],
+)
+def test_a_reference_needs_more_room_for_a_body_that_slows_late(
+    points: Points, sides: dict[str, float], how: str
+) -> None:
+    def lack(slows_s: float) -> Shortfall | None:
+        around = fence(**sides)
+        judge = StoppingRoom(CAR, DEFAULT_SIZES[CAR], LIMITS, around, 0.02, slows_s)
+        return judge.lack(points.columns)
+
+    assert lack(0.25) is None
+    late = lack(1.0)
+    assert late is not None
+    assert how in late.how
 
 
 def test_a_blind_stop_follows_the_arc_that_the_object_is_on() -> None:

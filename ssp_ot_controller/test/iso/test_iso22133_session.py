@@ -9,11 +9,14 @@ import re
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
 from unittest.mock import ANY
 
 import numpy as np
 import pytest
 
+import ssp_core
 from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.reference import Points, sample
 from ssp_core.safety.codes import SafetyCode
@@ -27,6 +30,18 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Strt,
     encode,
 )
+from ssp_ot_controller.bodies.iso22133.probe_report import (
+    NEEDED,
+    STOP_ON_ABORT,
+    STOPS,
+    TIMES,
+    Outcome,
+    ProbeReport,
+    Row,
+    Stage,
+    write_report,
+)
+from ssp_ot_controller.objects.references import RefusalCode
 from ssp_ot_controller.objects.state_machine import REFUSED_LASTING, ObjectEvent
 from tests.support.iso22133.loop import MS, Loop
 from tests.support.iso22133.messages import message_of
@@ -90,6 +105,68 @@ def test_an_object_whose_target_refuses_to_arm_it_contradicts_no_session_that_is
     loop.forward(10.0)
     assert loop.stops == []
     assert loop.state is ControlState.DISARMED
+
+
+def probed(folder: Path, slows_s: float) -> Path:
+    """A probe report of the object of a loop, which slows so long after an abort."""
+    shown = {**dict.fromkeys((*NEEDED, *STOPS, *TIMES), 0.0), STOP_ON_ABORT: slows_s}
+    rows = tuple(
+        Row(clause=one, stage=Stage.MOVE, title="", verdict=Outcome.PASS, measured=measured)
+        for one, measured in shown.items()
+    )
+    started = datetime(2026, 11, 23, tzinfo=UTC)
+    report = ProbeReport(
+        host="h",
+        port=2,
+        firmware=ssp_core.__version__,
+        started=started,
+        wire_version=2,
+        stages=(),
+        rows=rows,
+    )
+    path = folder / "report.json"
+    write_report(path, report)
+    return path
+
+
+def test_an_object_that_slows_too_late_for_the_room_of_its_approach_is_not_armed(
+    tmp_path: Path,
+) -> None:
+    """Its stops go past the end of its approach: 30 s at 7 m/s, all of which the site allows."""
+    loop = Loop("", probed(tmp_path, 30.0), stop_reaction_s=60.0)
+    loop.session = SessionPhase.CONNECTED
+    loop.forward(1.0)
+    (reported,) = loop.live.statuses(loop.now_ns)
+    assert reported.lasting
+    (text,) = reported.cannot_arm
+    assert re.search(r"shows 30\.000 s .* outside the geofence, limit is 0 m: it needs", text)
+    answer = loop.command(ObjectEvent.ARM)
+    assert (answer.accepted, answer.error_code) == (False, REFUSED_LASTING)
+    assert answer.error_msg == text
+
+
+def test_an_object_that_slows_in_time_for_the_room_of_its_approach_drives_it(
+    tmp_path: Path,
+) -> None:
+    loop = Loop("", probed(tmp_path, 0.5))
+    loop.drive(6.5)
+    assert loop.stops == []
+
+
+def test_an_object_refuses_a_reference_that_leaves_no_room_for_its_late_stops(
+    tmp_path: Path,
+) -> None:
+    loop = Loop("", probed(tmp_path, 0.5))
+    loop.arm()
+    loop.body.slows_s = 30.0
+    loop.session = SessionPhase.RUNNING
+    loop.forward(0.06)
+    loop.send(loop.approach())
+    loop.until(lambda: bool(loop.stops), 1.0)
+    (ack,) = loop.acks
+    assert (ack.accepted, ack.error_code) == (False, RefusalCode.FENCE)
+    assert [stop.code for stop in loop.stops] == [SafetyCode.REFERENCE_REFUSED]
+    assert loop.object.body.speed_mps == 0.0
 
 
 def test_a_manoeuvre_is_driven_from_its_time_on() -> None:

@@ -259,7 +259,10 @@ def describe(setup: LiveSetup, spec: RunSpec, run_file: Path, env: dict[str, str
     for object_id, address in sorted(setup.bodies.items()):
         who = dict(parse_qsl(address.partition("?")[2])).get("waive", "").strip()
         if who:
-            lines.append(f"{who} lets {object_id} be armed whatever its probe report lacks")
+            lines.append(
+                f"{who} lets {object_id} be armed whatever its probe report lacks, and answers "
+                "for its stops"
+            )
     elsewhere = [t.id for t in spec.targets if t.id not in setup.bodies]
     if elsewhere:
         lines.append(f"on other hosts: object_target of {', '.join(elsewhere)}, with {run_file}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 from ssp_core.cdr.references import Acknowledgement
 from ssp_core.cdr.steps import Heartbeat
@@ -98,6 +99,7 @@ class Loop:
 
     Args:
         waive: person who lets the object be armed without a probe report; empty: none.
+        report: file of a probe report.
 
     Attributes:
         way: what happens to bytes on their way.
@@ -107,7 +109,7 @@ class Loop:
         live: the object target's bodies.
     """
 
-    def __init__(self, waive: str = "Ada", **limits: float) -> None:
+    def __init__(self, waive: str = "Ada", report: Path | None = None, **limits: float) -> None:
         made = cut_in_run()
         made["limits"] = {"speed_mps": 15.0, "acceleration_mps2": 5.0, **limits}
         made |= {"mode": "live", "datum": {"latitude_deg": 57.0, "longitude_deg": 12.0}}
@@ -129,7 +131,7 @@ class Loop:
             self.links.append(LoopLink(self, tap))
             return self.links[-1]
 
-        address = IsoAddress("10.0.0.9", waive=waive)
+        address = IsoAddress("10.0.0.9", waive=waive, report=report)
         self.body = IsoBody(self.run, spec, address, 1, self.told.append, make_link)
         self.live = LiveObjects(self.run, {spec.id: self.body}, self.told.append)
         self.pool = ObjectPool(self.run)

@@ -44,6 +44,7 @@ from ssp_ot_controller.bodies.iso22133.probe_report import (
     cannot_arm,
     honours_start_time,
     load_report,
+    stops_on_abort_s,
 )
 from ssp_ot_controller.bodies.iso22133.reports import MonrReadings
 from ssp_ot_controller.bodies.odometry import LeverArm
@@ -198,6 +199,10 @@ class IsoBody:
         device_id: that the object is given.
         make_link: of host, port and tap.
 
+    Attributes:
+        approach: what it is armed with; None: it stands until its first reference.
+        slows_s: see ``BodyCheck``.
+
     Raises:
         InputError: the run has no datum, or a limit that the object can't be sent, or the probe
             report can't be read.
@@ -231,11 +236,16 @@ class IsoBody:
         self._say = Announcements(spec.id, tell)
         report = None if address.report is None else load_report(address.report)
         self._gate = ProbeGate(report, run.limits, address.waive, ObjectKind.of(spec, run.limits))
+        # Measured from an abort to its slowing; who waives the report answers for its stops.
+        probed = None if address.waive else report
+        self.slows_s = 0.0 if probed is None else stops_on_abort_s(probed) or 0.0
         # It said of itself that it is a model.
         self.is_simulated = False
         self._frames: list[RawFrame] = []
         self._link = make_link(address.host, address.port, self._tap)
-        self._conversation = Conversation(_settings(run, spec, datum, device_id, report))
+        settings = _settings(run, spec, datum, device_id, report)
+        self.approach = settings.approach
+        self._conversation = Conversation(settings)
         self._readings = MonrReadings(datum, address.lever, run.limits.position_std_m)
         self.statistics = MonrStatistics()
         self._reported = self._gate.judge(NewestReport())
@@ -244,7 +254,10 @@ class IsoBody:
         # Why what came last gave no reading.
         self._refused = ""
         if address.waive:
-            tell(f"{address.waive} lets {spec.id} be armed whatever its probe report lacks")
+            tell(
+                f"{address.waive} lets {spec.id} be armed whatever its probe report lacks, and "
+                "answers for its stops"
+            )
 
     def _tap(self, sent: bool, stamp_ns: int, data: bytes) -> None:
         self._frames.append(RawFrame(sent, stamp_ns, data))
