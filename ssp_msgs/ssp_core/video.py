@@ -6,7 +6,7 @@ import math
 import os
 import statistics
 import struct
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +27,8 @@ cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
 
 
 MAX_FPS = 1000.0
+# So many packets in a row that can't be decoded are passed over.
+_MOST_LOST = 100
 # Two statements of a file about its rate or its length may differ by this share, and lengths by as
 # many frames.
 _SLACK, _SLACK_FRAMES = 0.02, 3
@@ -117,12 +119,12 @@ class Video(Closing):
         return height / width if is_turned else width / height
 
     def frames(
-        self, start_s: float, end_s: float | None, keep: int | Container[int] = 1
+        self, start_s: float, end_s: float | None, keep: int | Callable[[float], bool] = 1
     ) -> Iterator[VideoFrame]:
         """Yield the frames of a span.
 
         Args:
-            keep: every n-th one, counted from the first; or the places of some in the span.
+            keep: every n-th one, counted from the first; or whether the one at a time, s, is kept.
             start_s: the first frame is the first one not before this time.
             end_s: frames from this time on are left out, None: no end.
 
@@ -131,7 +133,7 @@ class Video(Closing):
         """
         slack_s = 0.01 / self.info.fps  # containers round times to their own ticks
         number, previous_s, first = -1, -math.inf, None
-        while self._capture.grab():
+        while self._goes_on(self.info.frames - number - 1):
             number += 1
             time_s = self.info.offset_s + self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
             if time_s <= previous_s:
@@ -147,8 +149,7 @@ class Video(Closing):
             if end_s is not None and time_s >= end_s - slack_s:
                 return
             first = number if first is None else first
-            place = number - first
-            if place % keep == 0 if isinstance(keep, int) else place in keep:
+            if (number - first) % keep == 0 if isinstance(keep, int) else keep(time_s):
                 decoded, image = self._capture.retrieve()
                 if not decoded:
                     raise InputError(
@@ -160,6 +161,11 @@ class Video(Closing):
                     size_px = self.info.width_px, self.info.height_px
                     image = cv2.resize(image, size_px, interpolation=cv2.INTER_CUBIC)
                 yield VideoFrame(number, time_s, np.asarray(image, dtype=np.uint8))
+
+    def _goes_on(self, missing: int) -> bool:
+        """Go to the next frame, past damaged packets while frames of the file are missing."""
+        grab = self._capture.grab
+        return grab() or any(grab() for _ in range(min(missing, _MOST_LOST)))
 
     def close(self) -> None:
         self._capture.release()

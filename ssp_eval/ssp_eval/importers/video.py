@@ -59,6 +59,8 @@ _LEAST_PAIRS = 5
 # Frames that change so many times as much while the VUT stands are another run's.
 _CONTRARY = 2.0
 _COMPARED_PX = (64, 36)
+# Times of one frame by two decoders differ by less than this part of a frame's period.
+_SLACK = 0.01
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> Import
         return make_bag(
             options.clip.out,
             lambda writer: _write(
-                writer, video, options, table, selection, sound.damaged, findings, advance
+                writer, video, options, table, selection, sound, findings, advance
             ),
         )
 
@@ -129,13 +131,19 @@ def _frame_selection(
     video: Video, options: VideoOptions, every: int, sound: Soundness
 ) -> FrameSelection:
     """Return the frames of the crop that are kept."""
-    clip, fps = options.clip, video.info.fps
-    slack_s = 0.01 / fps
-    end_s = math.inf if clip.end_s is None else clip.end_s
-    times_s = [t for t in sound.times_s if clip.start_s - slack_s <= t < end_s - slack_s]
+    fps = video.info.fps
+    times_s = _times_s(video, options, sound)
     if len(times_s) < 2:
-        return FrameSelection(np.zeros(1, dtype=np.int64), every, fps / every, ())
-    return thin(np.array([seconds_to_ns(t) for t in times_s]), clip.rate_hz, fps)
+        return FrameSelection(np.arange(len(times_s)), every, fps / every, ())
+    return thin(np.array([seconds_to_ns(t) for t in times_s]), options.clip.rate_hz, fps)
+
+
+def _times_s(video: Video, options: VideoOptions, sound: Soundness) -> FloatArray:
+    """Return the times of the crop's frames, by the strict decoder."""
+    clip, slack_s = options.clip, _SLACK / video.info.fps
+    end_s = math.inf if clip.end_s is None else clip.end_s
+    times_s = np.array(sound.times_s)
+    return times_s[(times_s >= clip.start_s - slack_s) & (times_s < end_s - slack_s)]
 
 
 def _sound(options: VideoOptions, findings: Findings) -> Soundness:
@@ -187,7 +195,7 @@ def _write(
     options: VideoOptions,
     table: Table | None,
     selection: FrameSelection,
-    damaged: int,
+    sound: Soundness,
     findings: Findings,
     advance: Callable[[int], None],
 ) -> ImportSummary:
@@ -197,8 +205,12 @@ def _write(
     writer.add_topic(IMAGE, COMPRESSED_TYPE, offered_qos(20))
     start_s, stamps_ns, change = 0.0, list[int](), _FrameChange()
     repeats, last = Repeats(), None
-    places = frozenset(selection.places.tolist())
-    for frame in video.frames(clip.start_s, clip.end_s, places):
+    planned_s = _times_s(video, options, sound)[selection.places]
+
+    def is_planned(time_s: float) -> bool:
+        return bool((np.abs(planned_s - time_s) < _SLACK / info.fps).any())
+
+    for frame in video.frames(clip.start_s, clip.end_s, is_planned):
         if not stamps_ns:
             start_s = frame.time_s
             camera.write(writer, 0)
@@ -211,6 +223,13 @@ def _write(
         data = encode_frame(stamp_ns, jpeg(frame.image))
         writer.write(IMAGE, data, stamp_ns, stamp_ns, len(stamps_ns))
         advance(1)
+    if len(stamps_ns) != len(planned_s):
+        raise InputError(
+            f"gave {len(stamps_ns)} frames, {len(planned_s)} were planned: decoding ended at "
+            f"{video.reached_s:.3f} s",
+            file=options.video,
+            remedy="cut the damaged span out with --start and --end, or get the file again",
+        )
     end_s = video.reached_s if clip.end_s is None else clip.end_s
     if not stamps_ns or video.reached_s < end_s - 0.5 / info.fps:
         raise _outside(options, video.reached_s)
@@ -242,8 +261,8 @@ def _write(
         "fps": info.fps,
         "frames": info.frames,
     }
-    if damaged:
-        source["decoder_errors"] = damaged
+    if sound.damaged:
+        source["decoder_errors"] = sound.damaged
     crop_s = start_s, end_s
     record = attach_record(writer, clip.declared, source, crop_s, camera, motion, findings, notes)
     duration_s = ns_to_seconds(stamps_ns[-1])

@@ -339,6 +339,45 @@ def test_errors_of_the_decoder_are_counted_and_refused_unless_they_are_accepted(
         assert record["source"]["decoder_errors"] == int(told[1])
 
 
+@pytest.fixture
+def damaged(tmp_path: Path) -> Path:
+    """Four seconds at 10 frames per second, of which three frames lost their tables."""
+    path = make_video(tmp_path / "damaged.avi", 10.0, 40)
+    data = bytearray(path.read_bytes())
+    frames = re.compile(b"00dc").finditer(data, data.index(b"movi"))
+    begins = [match.start() + 8 for match in frames]
+    for lost in (10, 20, 30):
+        data[begins[lost] + 20 : begins[lost] + 220] = bytes(200)
+    path.write_bytes(data)
+    return path
+
+
+ACCEPTED = ("--ego-unknown", "--accept-damaged", "3")
+
+
+def test_frames_behind_damaged_ones_are_written(damaged: Path, tmp_path: Path) -> None:
+    assert run(damaged, *ACCEPTED, "--out", tmp_path / "bag") == 0
+    sound = [k for k in range(40) if k not in (10, 20, 30)]
+    assert source_frames(tmp_path / "bag") == sound
+    with BagReader(tmp_path / "bag") as reader:
+        stamps_ns = [message.log_time_ns for message in reader.messages([IMAGE])]
+    assert stamps_ns == [k * 100_000_000 for k in sound]
+
+
+def test_fewer_frames_than_planned_are_refused(
+    damaged: Path,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("ssp_core.video._MOST_LOST", 0)
+    assert run(damaged, *ACCEPTED, "--out", tmp_path / "bag") == 1
+    error = " ".join(capfd.readouterr().err.split())
+    assert re.search(r"gave \d+ frames, 37 were planned: decoding ended at \d\.\d00 s", error)
+    assert "--start and --end" in error
+    assert not (tmp_path / "bag").exists()
+
+
 def patched(path: Path, box: bytes, at: int, value: int, form: str = ">I") -> None:
     data = bytearray(path.read_bytes())
     struct.pack_into(form, data, data.index(box) + at, value)
