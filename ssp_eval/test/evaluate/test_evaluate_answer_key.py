@@ -206,7 +206,7 @@ def test_stored_answers_of_a_recording_go_by_its_content(tmp_path: Path) -> None
 
 
 def test_stored_answers_of_a_function_go_by_its_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     def facts(
         file: str, text: str, function: str = "my_model:drive", folder: Path = tmp_path
@@ -228,6 +228,12 @@ def test_stored_answers_of_a_function_go_by_its_file(
     own = model_facts(backend, "", 0)
     facts("my_model.py", "three")
     assert model_facts(backend, "", 0) != own
+    # One of the working folder is imported where there is no other alone.
+    monkeypatch.chdir(tmp_path_factory.mktemp("here"))
+    Path("my_model.py").write_text("of the working folder")
+    imported = model_facts(backend, "", 0)
+    facts("my_model.py", "four")
+    assert model_facts(backend, "", 0) != imported
 
 
 def test_an_id_tells_its_key_and_is_never_used_twice() -> None:

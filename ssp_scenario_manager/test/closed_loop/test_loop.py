@@ -514,6 +514,24 @@ def test_a_row_that_can_not_be_driven_again_is_refused(
     assert why in str(said.exception)
 
 
+@pytest.mark.parametrize("change", ["a column less", "in another order"])
+def test_a_row_that_is_not_of_its_place_in_the_plan_is_not_driven_again(
+    done: Path, change: str, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(done, tmp_path / "edited")
+    head, *lines = (folder / "runs.csv").read_text().splitlines()
+    if change == "a column less":
+        head, *lines = (line.rpartition(",")[0] for line in (head, *lines))
+    else:
+        lines.reverse()
+    (folder / "runs.csv").write_text("\n".join((head, *lines, "")))
+    out = tmp_path / "out"
+    said = CliRunner().invoke(loop, [str(folder), "--again", "1", "--out", str(out)])
+    assert isinstance(said.exception, InputError)
+    assert "runs.csv" in str(said.exception)
+    assert not out.exists()
+
+
 def test_a_campaign_tells_of_any_driver_that_gets_better_with_latency(
     done: Path, tmp_path: Path
 ) -> None:

@@ -384,7 +384,7 @@ def _pick(answers: list[_Candidate], form: Form, notes: list[str]) -> _Candidate
         if replacements:
             notes.append(f"{len(complete)} lists of {form.rows} were passed over for the last one")
             return replacements[-1]
-        others = [one for one in complete if not _equal(one.one.rows, candidate.one.rows)]
+        others = [one for one in complete[:-1] if not _equal(one.one.rows, candidate.one.rows)]
         if others:
             notes.append(f"{len(others)} other lists of {form.rows} were passed over for the last")
         elif len(complete) > 1:

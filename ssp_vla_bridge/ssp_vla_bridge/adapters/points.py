@@ -35,6 +35,7 @@ def adapt_points(
     ys_m: Sequence[float],
     times_s: Sequence[float],
     request: Request | None,
+    declared_step_s: float,
 ) -> AdaptedResponse:
     """Return the trajectory of points, with the origin before a start one step late.
 
@@ -45,9 +46,12 @@ def adapt_points(
         ys_m: to the left, m.
         times_s: of the points after the record's time, s, finite.
         request: whose history gives the present speed, by which the first point is judged.
+        declared_step_s: the step of a plan of one point, whose times don't give it.
     """
     times, xs, ys = tuple(times_s), tuple(xs_m), tuple(ys_m)
-    step_s = times[1] - times[0] if len(times) > 1 else times[0] if times else 0.0
+    step_s = times[1] - times[0] if len(times) > 1 else declared_step_s
+    if not times:
+        step_s = 0.0
     problem, note = _start(times, xs, ys, step_s, present_speed_mps(request))
     if problem or note:
         info = replace(info, notes=(*info.notes, problem or note))
@@ -150,7 +154,7 @@ def adapt_llavida(
     lateral, forward = zip(*choice.rows, strict=True)
     # 0.0 − x instead of −x, which would make a negative zero of straight ahead.
     ys = [0.0 - x for x in lateral]
-    return adapt_points(response, info, forward, ys, _times_of(choice, STEP_S), request)
+    return adapt_points(response, info, forward, ys, _times_of(choice, STEP_S), request, STEP_S)
 
 
 WAYPOINTS_ARRAY = "trajectory"
@@ -208,7 +212,7 @@ def _read_waypoints(
         return _without(response, "timestamps", "step or first time isn't finite")
     xs, ys = array.data[0::2], array.data[1::2]
     times_s = _raster(rows, array.first_time_s, array.step_s)
-    return adapt_points(response, _WAYPOINTS_INFO, xs, ys, times_s, request)
+    return adapt_points(response, _WAYPOINTS_INFO, xs, ys, times_s, request, array.step_s)
 
 
 def _read_text(response: Response, request: Request | None) -> AdaptedResponse:
@@ -230,7 +234,7 @@ def _read_text(response: Response, request: Request | None) -> AdaptedResponse:
         )
     info = replace(_WAYPOINTS_INFO, notes=("the trajectory was read from the text", *choice.notes))
     xs, ys = zip(*choice.rows, strict=True)
-    return adapt_points(response, info, xs, ys, _times_of(choice, step_s), request)
+    return adapt_points(response, info, xs, ys, _times_of(choice, step_s), request, step_s)
 
 
 def _without(response: Response, reason: str, note: str) -> AdaptedResponse:
@@ -299,7 +303,7 @@ def _read_alpamayo(
         )
     xs, ys = array.data[0:points:width], array.data[1:points:width]
     times_s = _raster(len(xs), array.first_time_s, array.step_s)
-    return adapt_points(response, info, xs, ys, times_s, request)
+    return adapt_points(response, info, xs, ys, times_s, request, array.step_s)
 
 
 def unwrapped(text: str) -> tuple[str, tuple[str, ...]]:

@@ -127,7 +127,9 @@ def _bag(path: Path) -> Iterator[AnswerOnDisk]:
 
 
 class RecordedAnswers:
-    """The stored answer with the request's id, else the one with its stamp.
+    """The stored answers about a request's frame: the one with its id, else the one about it.
+
+    Ids alone say nothing: each driven run counts its questions from 1.
 
     Args:
         stored: in order; of two that fit from one model in one place, the later one counts.
@@ -135,18 +137,16 @@ class RecordedAnswers:
 
     def __init__(self, stored: Sequence[AnswerOnDisk], interface: str = "waypoints") -> None:
         self.interface = interface
-        self._by_id: dict[str, list[AnswerOnDisk]] = {}
         self._by_stamp: dict[int, list[AnswerOnDisk]] = {}
         for one in stored:
-            if one.response.request_id:
-                self._by_id.setdefault(one.response.request_id, []).append(one)
             self._by_stamp.setdefault(one.response.stamp_ns, []).append(one)
         names = sorted({one.response.model_id for one in stored})
         self.model_id = f"recorded({', '.join(names)})"
 
     def answer(self, request: Request) -> Answer:
         """Return the stored answer; raise PeerError for none, differing ones, or an error."""
-        fitting = self._by_id.get(request.request_id) or self._by_stamp.get(request.stamp_ns)
+        about = self._by_stamp.get(request.stamp_ns, [])
+        fitting = [one for one in about if one.response.request_id == request.request_id] or about
         if not fitting:
             away_s = ns_to_seconds(min(abs(stamp - request.stamp_ns) for stamp in self._by_stamp))
             raise PeerError(

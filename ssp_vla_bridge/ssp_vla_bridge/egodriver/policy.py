@@ -63,6 +63,8 @@ class Seat:
         camera: name of the camera that it sees by.
         geometry: of the camera.
         motion: to the last bit, from a client of ours; None: it sent none.
+        lacks_speeds: its client sent poses without their dynamic states, which the package takes
+            for those of a standing vehicle: its motion is unknown.
         used_s: time of the last call, monotonic.
         is_leaving: it gives its place to a new one, and to no other.
         is_over: it ends, or will as soon as its model is loaded.
@@ -74,6 +76,7 @@ class Seat:
     camera: str = ""
     geometry: CameraGeometry | None = None
     motion: bytes | None = None
+    lacks_speeds: bool = False
     used_s: float = field(default_factory=time.monotonic)
     is_leaving: bool = False
     is_over: bool = False
@@ -296,10 +299,13 @@ class BridgePolicy(BaseDriver):
             states = list(session.dynamic_states)
         if not frames or not times:
             return None
+        if times[-1] > now_us:
+            ahead_s = (times[-1] - now_us) / 1e6
+            raise ValueError(f"its newest pose is {ahead_s:g} s after time_now_us")
         stamps_ns = [one.timestamp_us * 1000 for one in frames]
         indices = choose(stamps_ns, len(frames) - 1, rules)
         samples: tuple[Any, ...] = ()
-        if now_us - times[-1] <= _POSE_AGE_US:
+        if now_us - times[-1] <= _POSE_AGE_US and not seat.lacks_speeds:
             first = max(0, len(times) - _KEPT_POSES)
             samples = wire.samples_of(times[first:], poses[first:], states[first:], times[-1])
             if seat.motion is not None:

@@ -85,6 +85,7 @@ class BridgeServicer(EgodriverServicer):
         seat = self._policy.seat(request.session_uuid)
         if seat is not None:
             seat.motion = _metadata(context, exact.MOTION)
+            seat.lacks_speeds |= len(request.dynamic_states) < count
         with _answered(context, grpc.StatusCode.INVALID_ARGUMENT):
             return super().submit_egomotion_observation(request, context)
 

@@ -182,7 +182,8 @@ def samples_of(
     for at_us, place, state in zip(times_us, places, states, strict=True):
         x, y = here.to_local(place.x_m, place.y_m)
         turned = wrap_angle(place.yaw_rad - here.yaw_rad)
-        speed = math.hypot(state.linear_velocity.x, state.linear_velocity.y)
+        velocity = state.linear_velocity
+        speed = math.copysign(math.hypot(velocity.x, velocity.y), velocity.x)
         rate = float(state.angular_velocity.z)
         samples.append(EgoSample((at_us - now_us) / 1e6, x, y, turned, speed, rate))
     return tuple(samples)
@@ -222,11 +223,15 @@ def image(
     return message
 
 
+# Times of poses are whole microseconds.
+_ROUNDED_S = 2e-6
+
+
 def trajectory_of(message: proto.Trajectory, here: Pose2, now_us: int) -> Trajectory | None:
     """Return a plan of the local frame in the VUT's ego frame; None: there is none to come.
 
-    What a plan says of the past is left out where its times rise; a plan that begins later begins
-    at the VUT.
+    Of what a plan whose times rise says of the past, the last pose is kept, so that it covers the
+    question's time; one that begins a step after it begins at the VUT (METHOD 5.4).
 
     Args:
         message: at most ``MOST_POINTS`` poses.
@@ -241,10 +246,11 @@ def trajectory_of(message: proto.Trajectory, here: Pose2, now_us: int) -> Trajec
     ]
     times = [row[0] for row in rows]
     if all(a < b for a, b in pairwise(times)):
-        rows = [row for row in rows if row[0] >= 0.0]
-        if not rows or rows[-1][0] == 0.0:
+        if times[-1] <= 0.0:
             return None
-        if rows[0][0] > 0.0:
+        past = [row for row in rows if row[0] <= 0.0][-1:]
+        rows = [*past, *(row for row in rows if row[0] > 0.0)]
+        if not past and len(rows) > 1 and 2.0 * rows[0][0] <= rows[1][0] + _ROUNDED_S:
             rows.insert(0, (0.0, 0.0, 0.0))
     t_s, x_m, y_m = (tuple(row[k] for row in rows) for k in range(3))
     return Trajectory(t_s, x_m, y_m)

@@ -163,7 +163,7 @@ def test_a_bag_of_a_shadow_run_answers_by_stamp(bag, make_request):
         array = answer.arrays[0]
         assert (array.shape, array.data) == ((2, 2), (0.0, 0.0, 4.0, 0.25))
         assert (array.frame, array.step_s, array.first_time_s) == ("ego_xy", 0.5, 0.0)
-    assert ask(make_request, bag, "shadow-m2") == "I am m2."
+    assert ask(make_request, bag, "shadow-m2", second=11) == "I am m2."
     assert ask(make_request, bag, second=11, model="m2") == "I am m2."
 
 

@@ -39,6 +39,20 @@ def test_adds_no_other_point(make_response, first_time_s):
     assert adapted.invalid == ("coverage",)
 
 
+def test_one_list_with_a_number_that_is_none_is_no_other_list(make_response):
+    text = "Trajectory: [[5, 0], [10, 0], [15, 0], [nan, 0]]"
+    adapted = adapt("waypoints", replace(make_response(text=text), arrays=()))
+    assert adapted.invalid == ("non_finite",)
+    assert adapted.info.notes == ("the trajectory was read from the text",)
+
+
+@pytest.mark.parametrize("first_time_s", [0.4, 2.0, 3.0])
+def test_one_point_that_is_not_a_step_ahead_is_no_plan(make_response, first_time_s):
+    adapted = adapt("waypoints", make_response([(4, 0)], first_time_s=first_time_s))
+    assert adapted.trajectory is None
+    assert not adapted.info.origin_added
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [

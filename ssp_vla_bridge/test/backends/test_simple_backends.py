@@ -209,11 +209,13 @@ def stored(tmp_path, *responses):
     return {"file": str(path)}
 
 
-def test_recorded_gives_the_stored_answer_by_id_or_stamp(tmp_path, make_request, make_response):
+def test_recorded_gives_the_stored_answer_about_the_frame(tmp_path, make_request, make_response):
     response = make_response([(0, 0), (4, 0), (8, 0)], text="first")
     other = replace(response, request_id="r2", stamp_ns=5, text="second")
     options = stored(tmp_path, response, other)
-    assert run("recorded", options, make_request("r2"))[0].text == "second"
+    assert run("recorded", options, make_request("r2", 5))[0].text == "second"
+    # Each driven run counts its questions from 1.
+    assert run("recorded", options, make_request("r2"))[0].text == "first"
     by_stamp, trajectory = run("recorded", options, make_request("new", 10 * 10**9))
     assert by_stamp.text == "first"
     assert trajectory.x_m == (0.0, 4.0, 8.0)

@@ -20,6 +20,7 @@ from carla_driver_interface.testing import FakeCamera
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2
+from ssp_core.motion.trajectory import check_trajectory
 from ssp_core.run_file.model import Camera
 from ssp_core.world.camera import project, view_from
 from ssp_core.world.driver import ROUTE_STEP_M, GivenAnswer
@@ -378,7 +379,7 @@ def test_a_pickle_that_acts_when_it_is_loaded_is_left_out(
     assert capsys.readouterr().err.count("left out: a pickle") == 1
 
 
-def test_a_plan_that_begins_later_begins_at_the_vut_and_its_past_is_left_out() -> None:
+def test_a_plan_that_begins_a_step_later_begins_at_the_vut() -> None:
     here = Pose2(3.0, 4.0, math.pi / 2)
 
     def plan(times_us: Sequence[int]) -> proto.Trajectory:
@@ -387,10 +388,19 @@ def test_a_plan_that_begins_later_begins_at_the_vut_and_its_past_is_left_out() -
         return proto.Trajectory(poses=poses)
 
     assert wire.trajectory_of(proto.Trajectory(), here, 5_000_000) is None
-    read = wire.trajectory_of(plan([4_900_000, 5_100_000]), here, 5_000_000)
+    assert wire.trajectory_of(plan([4_900_000, 5_000_000]), here, 5_000_000) is None
+    read = wire.trajectory_of(plan([4_800_000, 4_900_000, 5_100_000]), here, 5_000_000)
     assert read is not None
-    assert read.t_s == (0.0, 0.1)
+    assert read.t_s == (-0.1, 0.1)
     assert (read.x_m[1], read.y_m[1]) == pytest.approx((2.0, 0.0))
+    # Of thirds of a second, in whole microseconds.
+    later = wire.trajectory_of(plan([5_333_334, 5_666_667]), here, 5_000_000)
+    assert later is not None
+    assert (later.t_s[0], later.x_m[0], later.y_m[0]) == (0.0, 0.0, 0.0)
+    for times_us in ([8_000_000], [7_000_000, 8_000_000], [5_200_000, 5_300_000]):
+        late = wire.trajectory_of(plan(times_us), here, 5_000_000)
+        assert late is not None
+        assert set(check_trajectory(late)) & {"coverage", "shape"}
     back = wire.trajectory_of(plan([5_100_000, 4_900_000]), here, 5_000_000)
     assert back is not None
     assert back.t_s == (0.1, -0.1)

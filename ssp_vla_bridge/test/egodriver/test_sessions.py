@@ -237,6 +237,44 @@ def test_what_a_session_keeps_is_bounded(monkeypatch: pytest.MonkeyPatch) -> Non
     assert policy.seat_count == 0
 
 
+def asked_about(seat: Seat, last_pose_us: int) -> Any:
+    """The request of a question at 1 s, of a session that drove backwards at 2 m/s."""
+    policy = BridgePolicy(model("constant_velocity"), camera="front")
+    cameras = {"front": FakeCamera().available_camera()}
+    session = SessionState("one", 1, "", cameras)
+    assert policy.take("one", seat) == ("", "")
+    policy.on_session_start(session)
+    session.frame_history["front"] = [CameraFrame("front", 900_000, 1_000_000, grey())]
+    for k in range(2):
+        at_us = last_pose_us - 100_000 * (1 - k)
+        session.ego_trajectory.append(at_us, Pose.from_xyz_yaw(-0.2 * k, 0.0, 0.0, 0.0))
+        state = proto.DynamicState()
+        state.linear_velocity.x = -2.0
+        session.dynamic_states.append(state)
+    try:
+        ctx = SimpleNamespace(session=session, time_now_us=1_000_000)
+        return policy._request(seat, cast("Any", ctx))
+    finally:
+        policy.close()
+
+
+def test_a_vehicle_that_reverses_has_a_negative_speed() -> None:
+    request = asked_about(Seat(lambda: True), 1_000_000)
+    assert request.ego_provenance == "measured"
+    assert request.history[-1].speed_mps == -2.0
+
+
+def test_motion_without_speeds_is_unknown() -> None:
+    """The package takes a missing state for that of a standing vehicle."""
+    request = asked_about(Seat(lambda: True, lacks_speeds=True), 1_000_000)
+    assert (request.ego_provenance, request.history) == ("unknown", ())
+
+
+def test_a_pose_of_after_the_question_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"its newest pose is 0\.5 s after time_now_us"):
+        asked_about(Seat(lambda: True), 1_500_000)
+
+
 def _no_rotation(camera: proto.AvailableCamera) -> None:
     camera.rig_to_camera.quat.x = math.nan
 
@@ -279,6 +317,9 @@ def test_messages_that_can_not_be_handled_are_answered_with_their_reason(
     with served(policy) as client:
         assert code(client.start("one")) == "OK"
         client.see("one")
+        seat = policy.seat("one")
+        assert seat is not None
+        assert seat.lacks_speeds
         motion = proto.RolloutEgoTrajectory(session_uuid="one")
         motion.trajectory.poses.append(proto.PoseAtTime(timestamp_us=1_100_000))
         motion.trajectory.poses[0].pose.quat.w = math.nan

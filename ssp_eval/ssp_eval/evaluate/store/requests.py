@@ -220,14 +220,15 @@ def _source(module: str, options: Mapping[str, Any]) -> str:
 
     Args:
         module: dotted name.
-        options: of the backend python, whose ``folder`` comes first.
+        options: of the backend python, whose ``folder`` comes first; the working folder is last.
     """
     parts = module.split(".")
     if not all(parts):
         return ""
-    for place in (str(options.get("folder", ".")), *sys.path):
+    first = [str(options["folder"])] if "folder" in options else []
+    for place in (*first, *sys.path, "."):
         path = Path(place, *parts)
-        for file in (path.with_name(f"{path.name}.py"), path / "__init__.py"):
+        for file in (path / "__init__.py", path.with_name(f"{path.name}.py")):
             if file.is_file():
                 return sha256_file(file)
     return ""

@@ -16,7 +16,12 @@ from ssp_scenario_manager.closed_loop.campaigns.runs import (
 )
 from ssp_scenario_manager.closed_loop.campaigns.seal import sealed_plan, sealed_starts
 from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL
-from ssp_scenario_manager.closed_loop.outcomes.tables import RUNS_FILE, Row, rows_there
+from ssp_scenario_manager.closed_loop.outcomes.tables import (
+    RUN_COLUMNS,
+    RUNS_FILE,
+    Row,
+    rows_there,
+)
 from ssp_scenario_manager.closed_loop.single_run.before import Before, before_of_row
 from ssp_scenario_manager.closed_loop.starts.start import Start
 
@@ -85,6 +90,13 @@ def run_of_row(folder: Path, number: int) -> RowRun:
         start = drivable(job.start)
         run = start.driven_by(job.driver.driver, job.driver.options, latency, repeat=repeat)
         row = rows[number - 1]
+        if len(row) != len(RUN_COLUMNS) or row[: len(identities[left])] != identities[left]:
+            raise InputError(
+                "isn't the run of this place in the plan",
+                file=folder / RUNS_FILE,
+                line=number + 1,
+                remedy="put runs.csv back, or begin the campaign in a new folder",
+            )
         before = before_of_row(folder / RUNS_FILE, number, row)
         is_model = job.driver.is_model
         is_kept = is_model and before is not None
