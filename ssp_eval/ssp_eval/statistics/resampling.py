@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, stdtrit  # type: ignore[import-untyped]  # no types
 
 from ssp_core.hashing import sha256_json
+from ssp_eval.score.aggregate import EQUAL
 
 Numbers = NDArray[np.float64]
 LEVEL = 0.95
@@ -244,6 +245,7 @@ def bca_shares(
     z_0 = Φ⁻¹(share of resamples below the estimate, ties half), a = γ / (6 √K) with γ the skewness
     of the mean of the jackknife less each of its values, and the shares are
     Φ(z_0 + (z_0 ± reach) / (1 − a (z_0 ± reach))). For single items a is Σ d³ / 6 (Σ d²)^1.5.
+    Values within EQUAL of each other are ties, and not an order of rounding errors.
 
     Args:
         present: resampled values without NaN, (B,).
@@ -259,15 +261,16 @@ def bca_shares(
     left_out = jackknife[~np.isnan(jackknife)]
     if not len(present) or not len(left_out) or reach is None:
         return None
-    if np.ptp(present) == 0.0:
+    if np.ptp(present) <= EQUAL:
         return 0.5, 0.5
-    below = (np.sum(present < estimate) + np.sum(present <= estimate)) / (2 * len(present))
+    fewer = np.sum(present < estimate - EQUAL)
+    below = (fewer + np.sum(present <= estimate + EQUAL)) / (2 * len(present))
     if not 0.0 < below < 1.0:
         return None
     z_0 = float(ndtri(below))
     d = left_out.mean() - left_out
-    spread = math.fsum(d**2) ** 1.5
-    a = math.fsum(d**3) / (6 * spread) if spread > 0 else 0.0
+    varies = np.abs(d).max() > EQUAL
+    a = math.fsum(d**3) / (6 * math.fsum(d**2) ** 1.5) if varies else 0.0
     if items is not None:
         a *= math.sqrt(len(left_out) / items)
     low, high = z_0 - reach, z_0 + reach

@@ -27,6 +27,7 @@ from ssp_eval.statistics.resampling import (
     NO_INTERVAL,
     Interval,
     bca_interval,
+    bca_shares,
     block_draws,
     draws,
     generator,
@@ -108,7 +109,8 @@ def test_weighted_sums_are_those_of_a_matrix_product(values):
 
 
 def test_percentile_and_bca_are_those_of_scipy():
-    data = np.array([0.1, 0.3, 0.35, 0.5, 0.9, 0.2, 0.8])
+    # Means of eight sixteenths have no rounding errors, which scipy doesn't take for ties.
+    data = np.array([1, 3, 5, 8, 14, 2, 12, 4]) / 16
     for method, ours in (("percentile", None), ("BCa", "jackknife")):
         found = stats.bootstrap(
             (data,), np.mean, n_resamples=3000, method=method, rng=np.random.default_rng(1)
@@ -134,6 +136,23 @@ def test_intervals_where_nothing_varies_or_nothing_is_known():
     one = bootstrap_mean({"a": [0.25]}, "cells", 100, SEED)
     assert (one.value, one.n, one.percentile) == (0.25, 1, NO_INTERVAL)
     assert bootstrap_mean({}, "cells", 100, SEED).value is None
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.sampled_from([-1e-13, 0.0, 1e-13]), min_size=9, max_size=9))
+def test_rounding_errors_are_ties_of_a_bca_interval(errors):
+    noise = np.array(errors)
+    samples = np.repeat([0.2, 0.5, 0.5, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0], 9)
+    left_out = np.array([0.4, 0.5, 0.6, 0.7, 0.6, 0.5, 0.4, 0.6, 0.7])
+    exact = bca_shares(samples, 0.5, left_out, 1.96)
+    assert exact is not None
+    assert bca_shares(samples + np.tile(noise, 9), 0.5, left_out + noise, 1.96) == pytest.approx(
+        exact, abs=1e-9
+    )
+    # Nothing varies but the last digit: neither in the resamples nor in the jackknife.
+    assert bca_shares(0.5 + noise, 0.5, left_out, 1.96) == (0.5, 0.5)
+    flat, none = 0.5 + noise, np.full(9, 0.5)
+    assert bca_shares(samples, 0.5, flat, 1.96) == bca_shares(samples, 0.5, none, 1.96)
 
 
 def test_the_mean_of_0_and_1_has_the_binomial_distribution():
