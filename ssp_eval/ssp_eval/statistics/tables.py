@@ -343,7 +343,7 @@ def _seeing_row(
     # Of the two means rather than the mean difference: IVCS is never null, so they are the same.
     own, spoilt = (one.value for one in values[-2:])
     difference = None if own is None or spoilt is None else own - spoilt
-    finding = UNPAIRED if difference is None else AS_MUCH if difference <= 0 else ""
+    finding = UNPAIRED if difference is None else AS_MUCH if difference <= EQUAL else ""
     return model, condition, len(pairs), *values, difference, finding
 
 

@@ -36,6 +36,7 @@ from ssp_eval.statistics.tables import (
     all_tables,
     condition_of,
     control_tables,
+    seeing_table,
 )
 from tests.support.score_rows import row
 
@@ -262,6 +263,17 @@ def test_what_seeing_is_worth_by_hand() -> None:
     assert "gone" not in drawn
     assert seeing_plot(None, answerers) == ""
     assert condition_of("m+grey") == ("m+grey", "")
+
+
+def test_equal_scores_from_other_components_are_as_much_without_seeing() -> None:
+    """IVCS is 0.1 by JOVR alone, and 0.3 · 1/3 by semantics alone, which rounds to less."""
+    rows = [
+        row("cut_in", "simulation", "m", 0.0, jovr=1.0),
+        row("cut_in", "simulation", "m+black", 0.0, sem_acc_eff=1 / 3, control=True),
+    ]
+    assert rows[0].ivcs > rows[1].ivcs
+    (line,) = seeing_table(rows, ["m+black"]).rows
+    assert line[-1] == AS_MUCH
 
 
 def test_cells_without_controls_or_on_different_recordings_say_so() -> None:
