@@ -14,6 +14,7 @@ from statistics import fmean
 
 import numpy as np
 
+from ssp_core.run_file.quantities import LENGTH
 from ssp_eval.causes.answers import REASONING, Answer, Cause, CellAnswers, cause_of
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.clients.models import REPEAT
@@ -382,26 +383,34 @@ def _whole(value_m: float) -> float:
 def _displacements(label: AnswerComparison) -> tuple[float, float, float, float] | None:
     """Return the mean distances of three trajectories from the factual one, and its length, m.
 
-    The three are those of the cause, the control and the repeat. None where one is missing. What
-    wasn't asked has the distance 0.
+    The three are those of the cause, the control and the repeat. None where one is missing, or
+    where one isn't comparable: a distance is beyond any two places on the Earth. What wasn't asked
+    has the distance 0.
     """
     answers = (label.factual, label.cause, *label.noise)
     paths = [answer.trajectory for answer in answers if answer.trajectory is not None]
     if len(paths) < len(answers):
         return None
-    by_cause, *others, length_m = _distances_m(paths)
+    distances_m = _distances_m(paths)
+    if not all(distance_m <= LENGTH.most for distance_m in distances_m):
+        return None
+    by_cause, *others, length_m = distances_m
     by_control = others.pop(0) if label.control is not None else 0.0
     return by_cause, by_control, others[0] if others else 0.0, length_m
 
 
 def _distances_m(paths: Sequence[Trajectory]) -> list[float]:
-    """Return mean distances from the first trajectory, as long as all last, and its length."""
+    """Return mean distances from the first trajectory, as long as all last, and its length, m.
+
+    Infinite or NaN where coordinates are too large to be subtracted.
+    """
     end_s = min(HORIZON_S, *(path.t_s[-1] for path in paths))
     times_s = np.arange(0.0, end_s + 1e-9, STEP_S)
-    own, *others = (_at(path, times_s) for path in paths)
-    # At t = 0 all of them are where the vehicle is.
-    moved = [float(np.hypot(*(other - own)[:, 1:]).mean()) for other in others]
-    return [*moved, float(np.hypot(*np.diff(own, axis=1)).sum())]
+    with np.errstate(over="ignore", invalid="ignore"):
+        own, *others = (_at(path, times_s) for path in paths)
+        # At t = 0 all of them are where the vehicle is.
+        moved = [float(np.hypot(*(other - own)[:, 1:]).mean()) for other in others]
+        return [*moved, float(np.hypot(*np.diff(own, axis=1)).sum())]
 
 
 def _at(path: Trajectory, times_s: np.ndarray) -> np.ndarray:

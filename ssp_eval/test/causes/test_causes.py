@@ -183,6 +183,32 @@ def test_a_label_time_without_an_answer_is_left_out() -> None:
     assert effect(less, "pictures.fog.2", "objects").labels == 2 * LABELS
 
 
+@pytest.mark.parametrize("far_m", [1e9, 1e303, 1.7e308])
+@pytest.mark.parametrize("condition", ["", "repeat", "twin.control.car", "twin.without.ot1"])
+def test_a_place_beyond_the_earth_is_compared_with_nothing(condition: str, far_m: float) -> None:
+    kept = [
+        one
+        for cell in cells_of("m", ANSWERERS["uses_the_object"], 2)
+        if (one := answers_of_cell(cell)) is not None
+    ]
+    far = Trajectory((0.0, 1.0, 2.0, 3.0), (0.0, far_m, -far_m, far_m), (0.0,) * 4)
+
+    def answers(place: Trajectory | None) -> list[Effect]:
+        return effects_of(
+            [
+                replace(one, answers={**one.answers, 0.5: replace(own, trajectory=place)})
+                if one.condition == condition and (own := one.answers[0.5]) is not None
+                else one
+                for one in kept
+            ]
+        )
+
+    of_far, of_none = ([e for e in x if e.output == TRAJECTORY] for x in map(answers, (far, None)))
+    assert of_far == of_none
+    one = next(e for e in of_far if e.cause.kind == "without")
+    assert one.labels == 2 * (LABELS - 1)
+
+
 def test_a_recording_that_several_campaigns_asked_about_is_one_unit() -> None:
     folders = (Path("first"), Path("second"))
     cells = [
