@@ -76,13 +76,21 @@ class Stability:
     runs: tuple[str, ...]
 
 
-def run_name(row: CellRow) -> str:
-    """Return the name that tells the runs of a cell apart."""
-    return row.run if row.seed is None else f"{row.run} seed {row.seed}".strip()
+# A repetition: its run and seed.
+Run = tuple[str, int | None]
+
+
+def run_name(run: Run) -> str:
+    """Return the name of a repetition, for people; two can share it ("a seed 1")."""
+    name, seed = run
+    return name if seed is None else f"{name} seed {seed}".strip()
 
 
 def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability | None:
     """Compute how the runs differ; None where no cell has two.
+
+    A cell is admitted if all its runs are, as in the means over runs: otherwise the domain means of
+    two runs would be over different recordings.
 
     Args:
         rows: all runs; controls and cells without a score are left out here.
@@ -90,11 +98,13 @@ def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability |
         seed: of the random numbers.
     """
     valid = [row for row in rows if row.status == OK and not row.control]
+    outside = {row.key for row in valid if not row.admitted}
+    valid = [replace(row, admitted=row.key not in outside) for row in valid]
     by_cell: dict[tuple[str, ...], list[CellRow]] = {}
-    by_run: dict[str, list[CellRow]] = {}
+    by_run: dict[Run, list[CellRow]] = {}
     for row in valid:
         by_cell.setdefault(row.key, []).append(row)
-        by_run.setdefault(run_name(row), []).append(row)
+        by_run.setdefault((row.run, row.seed), []).append(row)
     if all(len(group) < 2 for group in by_cell.values()):
         return None
     cells = [
@@ -106,7 +116,7 @@ def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability |
     whole = _alike(by_run)
     macro, orders = [], []
     for by in (BY_DOMAIN, BY_MODEL):
-        per_run = [means([row.cell() for row in by_run[name]], by) for name in whole]
+        per_run = [means([row.cell() for row in by_run[run]], by) for run in whole]
         for key in sorted(per_run[0]):
             for metric in IVCS_FIRST:
                 run_means = [run[key][metric].value for run in per_run if key in run]
@@ -127,15 +137,15 @@ def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability |
         tuple(macro),
         mean(tau for tau in taus if not np.isnan(tau)).value,
         mean(float(np.array_equal(a, b)) for a, b in pairs).value,
-        tuple(whole),
+        tuple(map(run_name, whole)),
     )
 
 
-def _alike(by_run: Mapping[str, Sequence[CellRow]]) -> list[str]:
+def _alike(by_run: Mapping[Run, Sequence[CellRow]]) -> list[Run]:
     """Return the runs with the same cells, for the largest set of cells of several runs."""
-    having: dict[frozenset[tuple[str, str, str]], list[str]] = {}
-    for name in sorted(by_run):
-        having.setdefault(frozenset(row.key for row in by_run[name]), []).append(name)
+    having: dict[frozenset[tuple[str, str, str]], list[Run]] = {}
+    for run in sorted(by_run, key=lambda one: (run_name(one), one[0])):
+        having.setdefault(frozenset(row.key for row in by_run[run]), []).append(run)
 
     def worth(cells: frozenset[tuple[str, str, str]]) -> tuple[bool, int, int]:
         return len(having[cells]) > 1, len(cells), len(having[cells])

@@ -136,6 +136,29 @@ def test_macro_means_over_runs_are_of_the_same_cells():
     assert (macro.k, macro.low, macro.high) == (2, pytest.approx(0.2), pytest.approx(0.4))
 
 
+def test_a_cell_that_one_run_did_not_admit_stays_out_of_the_domain_means_of_all():
+    rows = [
+        row("s", "physical", "a", 0.8, run="1"),
+        row("t", "physical", "a", 0.2, run="1"),
+        row("s", "physical", "a", 0.8, run="2"),
+        row("t", "physical", "a", 0.2, run="2", admitted=False),
+    ]
+    found = stability(rows, 200, SEED)
+    domain, model = (x for x in found.macro if x.metric == "jovr")
+    assert (domain.names, domain.k, domain.value, domain.sd) == (("domain", "physical"), 2, 0.8, 0)
+    assert (model.value, model.sd) == (pytest.approx(0.5), 0)
+
+
+def test_runs_of_the_same_name_by_run_and_by_seed_are_two():
+    rows = [
+        row("s", "physical", "a", 0.2, run="x seed 1"),
+        row("s", "physical", "a", 0.4, run="x", seed=1),
+    ]
+    found = stability(rows, 200, SEED)
+    assert found.runs == ("x seed 1", "x seed 1")
+    assert {x.k for x in found.macro} == {2}
+
+
 @given(hnp.arrays(int, (2, 6), elements=st.integers(0, 4)))
 def test_kendalls_tau_is_that_of_scipy(values):
     first, second = values.astype(float)
