@@ -22,7 +22,7 @@ from ssp_eval.evaluate.clients.models import is_control_name
 from ssp_eval.evaluate.store.admission import ADMITTED
 from ssp_eval.evaluate.store.cell_file import losses_text, outages
 from ssp_eval.evaluate.store.results import CellData, load_cells
-from ssp_eval.score.aggregate import Cell, mean
+from ssp_eval.score.aggregate import EQUAL, Cell, mean
 from ssp_eval.score.cli import NULL
 from ssp_eval.score.metrics import COMPONENTS, METRIC_NAMES, METRICS, ivcs
 from ssp_eval.score.thresholds import DEFAULT
@@ -276,6 +276,10 @@ COLUMNS = (
 _NUMBERS = frozenset({*METRIC_NAMES, "n", "seed", "lost", "total_b", "active_b"})
 _FACTS = ("total_b", "active_b", "architecture")
 _MOST_COLUMNS = 1000
+# The first of two shares counts some of what the second counts (METHOD 6.3, 6.7).
+_PARTS = (("tqsr", "stfr"), ("sem_acc_eff", "sem_cov"), ("sem_acc_eff", "sem_acc_soft"))
+_ROUNDING = 0.01 + EQUAL  # of shares in print
+_MOST = 2**53  # that a number of a table holds to the last digit
 
 
 def _domain(text: str) -> str:
@@ -308,9 +312,9 @@ class _Line(
     """One line; a field that is null in the file has its default."""
 
     risk: str | None = None
-    n: Annotated[int, Field(ge=1)] | None = None
+    n: Annotated[int, Field(ge=1, le=_MOST)] | None = None
     run: Annotated[str, AfterValidator(unguarded)] = ""
-    seed: Annotated[int, Field(ge=0)] | None = None
+    seed: Annotated[int, Field(ge=0, le=_MOST)] | None = None
     total_b: Billions | None = None
     active_b: Billions | None = None
     architecture: Annotated[str, AfterValidator(unguarded)] = ""
@@ -319,7 +323,7 @@ class _Line(
     stand_in: bool = False
     status: Literal["ok", "refused", "failed"] = "ok"
     reason: Annotated[str, AfterValidator(unguarded)] = ""
-    lost: Annotated[int, Field(ge=0)] = 0
+    lost: Annotated[int, Field(ge=0, le=_MOST)] = 0
     thresholds: Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")] = ""
     declared_by: Annotated[str, AfterValidator(unguarded)] = ""
 
@@ -346,6 +350,10 @@ class _Line(
                 f"{self.model} is the name of a control, and the column control says that it is "
                 "none: name the model otherwise"
             )
+        for name, whole in _PARTS:
+            part, most = getattr(self, name), getattr(self, whole)
+            if part is not None and most is not None and part - most > _ROUNDING:
+                raise ValueError(f"{name} is {part:g}, more than {whole}, {most:g}: check the two")
         self._check_response()
         return self
 
@@ -359,6 +367,8 @@ class _Line(
             if self.rl_s is not None and not self.rsr:
                 raise ValueError("rl_s is given where no cell has a response")
         elif self.risk is not None:
+            if self.rsr is not None or self.rl_s is not None:
+                raise ValueError("risk says what rsr and rl_s say: give one of the two")
             if self.risk != "F" and not _RESPONSE.fullmatch(self.risk):
                 raise ValueError("risk must be S@1.50 for a response after 1.50 s, or F for none")
         elif self.rsr not in (None, 0.0, 1.0):
@@ -368,6 +378,8 @@ class _Line(
             )
         elif self.rsr == 1.0 and self.rl_s is None:
             raise ValueError("rl_s is missing for a response")
+        elif self.rl_s is not None and not self.rsr:
+            raise ValueError("rl_s is given where there is no response: leave it empty")
 
     def row(self) -> CellRow:
         values = self.model_dump(exclude={"risk", "ivcs"})
@@ -375,7 +387,7 @@ class _Line(
             match = _RESPONSE.fullmatch(self.risk)
             values |= {"rsr": int(match is not None), "rl_s": float(match[1]) if match else None}
         elif not self.is_macro and self.rsr is not None:
-            values |= {"rsr": int(self.rsr), "rl_s": self.rl_s if self.rsr else None}
+            values["rsr"] = int(self.rsr)
         if self.thresholds == DEFAULT.sha256:
             values["thresholds"] = ""
         values["control"] = self.control or is_control_name(self.model)

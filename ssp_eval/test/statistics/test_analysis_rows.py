@@ -81,7 +81,7 @@ def test_a_matrix_of_ours_gives_the_same_rows_again(tmp_path):
     rows = [
         row(run="=1+1", seed=10, rsr=1, rl_s=1 / 3, total_b=7.5, active_b=0.1, architecture="a, b"),
         row(run="=1+1", seed=2, value=1 / 3, total_b=7.5, active_b=0.1, architecture="a, b", n=9),
-        row(model='a "b", #c;\tй', sem_cov=0.1, stfr=0.2, sem_acc_cond=None, sem_acc_soft=0.7),
+        row(model='a "b", #c;\tй', sem_cov=0.6, stfr=0.7, sem_acc_cond=None, sem_acc_soft=0.7),
         row(model="-x", value=0.1 + 0.2, cia_eff=None, admitted=False, stand_in=True),
         row(model="constant_velocity", control=True),
         row("#1", model="silent", control=True, value=0.0),
@@ -288,6 +288,21 @@ def test_wrong_lines_say_what_is_right(tmp_path, column, value, told):
         (f"{OWN}\n{LINE.replace('S@1.50', '1')},", "rl_s is missing for a response"),
         (f"{OWN}\n{LINE.replace('S@1.50', '0.5')},", "rsr is neither 1 nor 0"),
         (f"{OWN}\n{LINE.replace('S@1.50', '1')},-1", "rl_s: Input should be greater than or equal"),
+        *[
+            (f"{HEAD},{name}\n{LINE},1{'0' * 400}", f"cells.csv:2: {name}: Input should be less")
+            for name in ("n", "seed", "lost")
+        ],
+        *[
+            (f"{HEAD},rsr,rl_s\n{LINE.replace('S@1.50', said)},{given}", "give one of the two")
+            for said, given in (("F", "1,1.5"), ("S@1.50", "0,"), ("S@1.50", ",1.5"))
+        ],
+        *[
+            (f"{OWN}\n{LINE.replace('S@1.50', rsr)},1.5", "rl_s is given where there is no resp")
+            for rsr in ("0", "")
+        ],
+        (f"{HEAD},stfr\n{LINE},0.58", "tqsr is 0.6, more than stfr, 0.58: check the two"),
+        (f"{HEAD},sem_cov\n{LINE},0.78", "sem_acc_eff is 0.8, more than sem_cov, 0.78"),
+        (f"{HEAD},sem_acc_soft\n{LINE},0.1", "sem_acc_eff is 0.8, more than sem_acc_soft, 0.1"),
         (f"{HEAD},seed\n{LINE},1.5", "seed: Input should be a valid integer"),
         (f"{HEAD},total_b\n{LINE},0", "total_b: Input should be greater than 0"),
     ],
@@ -298,6 +313,12 @@ def test_wrong_files_say_where(tmp_path, text, told):
     with pytest.raises(InputError) as caught:
         rows_from_csv(path)
     assert told in str(caught.value)
+
+
+def test_a_share_may_exceed_its_whole_by_the_rounding_of_print(tmp_path):
+    head = f"{HEAD},stfr,sem_cov,sem_acc_soft,seed"
+    (found,) = rows_from_csv(write(tmp_path, f"{LINE},0.59,0.79,0.79,{2**53}", head=head))
+    assert (found.stfr, found.tqsr, found.seed) == (0.59, 0.6, 2**53)
 
 
 def test_a_missing_file_and_latin_1_are_input_errors(tmp_path):
