@@ -32,6 +32,7 @@ from ssp_eval.evaluate.conditions.twin_clips import with_twins
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.admission import NO_AUDIT, Admission, keep_audits
 from ssp_eval.evaluate.store.cell_file import CellResult, LabelledClip, holds_answers
+from ssp_eval.labels.check import plan_problems
 from ssp_eval.labels.propose import propose_by_plan
 from ssp_eval.labels.review import is_unreviewed, write_proposal
 from ssp_eval.labels.truth import Truth, truth_from_bag
@@ -173,12 +174,13 @@ def labelled_clip(
     """Return a clip with the labels that belong to it.
 
     Raises:
-        InputError: there are none, or they belong to another clip.
+        InputError: there are none, they belong to another clip, or contradict their plan.
     """
     path = labels_path or find_labels(clip.path)
     if path is not None:
         labels = load_labels(path)
         _check_name(labels, path)
+        _check_plan(labels, path)
         _check_belongs(clip, labels, path)
         labelled = _labelled(clip, labels, path.name, is_unreviewed(path), admission)
         if labelled.refusal is None:
@@ -221,6 +223,18 @@ def _labelled(
     bag_admission = admission.confirm(clip.provenance.verdict_sha256, observed)
     clip.crop_to(bag_admission.crop)
     return LabelledClip(clip, labels, source, proposed, bag_admission)
+
+
+def _check_plan(labels: Labels, file: Path) -> None:
+    """Refuse labels whose phases, places or times aren't those of their plan (METHOD 5.2b)."""
+    for problem in plan_problems(labels):
+        field, _, what = problem.partition(": ")
+        raise InputError(
+            f"contradicts the plan: {what}",
+            file=file,
+            field=field,
+            remedy="`ssp labels check` lists all such labels; `ssp labels new` plans anew",
+        )
 
 
 def _check_name(labels: Labels, file: Path) -> None:

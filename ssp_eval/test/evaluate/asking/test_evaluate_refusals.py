@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,14 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files.writing import write_json
+from ssp_eval.data.labels import Labels, PhasePosition, labels_to_json
 from ssp_eval.data.provenance import read_provenance
+from ssp_eval.evaluate.campaign import labelled_clip
 from ssp_eval.evaluate.cli import model_specs
 from ssp_eval.evaluate.clients.models import CONTROLS, bridge_spec
+from ssp_eval.labels.propose import propose_by_plan
+from ssp_eval.labels.truth import truth_from_bag
+from ssp_eval.recordings.clip import Clip
 from ssp_vla_bridge.backend import BACKENDS
 
 BagMaker = Callable[..., Path]
@@ -108,3 +114,43 @@ def test_a_scenario_s_name_leads_nowhere_else(
     assert main(arguments) == 1
     assert "scenario: is no name that a cell's folder can have" in capfd.readouterr().err
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def planned(labels: Labels) -> Labels:
+    """Labels at places of a plan, evenly in the phases that they have."""
+    phases = [label.phase for label in labels.labels]
+    places = []
+    for i, phase in enumerate(phases):
+        before, after = phases[:i].count(phase), phases[i:].count(phase)
+        share = (before + 0.5) / (before + after)
+        seconds = 0.5 * after if phase == "approach" else 0.25 + 0.5 * before
+        value = seconds if phase in ("approach", "resolution") else share
+        places.append(PhasePosition(phase, value))
+    pairs = zip(labels.labels, places, strict=True)
+    return replace(labels, plan="phase", labels=tuple(replace(one, at=at) for one, at in pairs))
+
+
+@pytest.mark.parametrize(
+    ("key", "of", "told"),
+    [
+        ("phase", 0, "phase: contradicts the plan: approach, and its place in the plan is"),
+        ("at", 0, "phase: contradicts the plan: "),
+        ("at", -2, "at: contradicts the plan: conflict u="),
+    ],
+)
+def test_labels_that_contradict_their_plan_are_of_no_clip(
+    key: str, of: int, told: str, make_bag: BagMaker, tmp_path: Path
+) -> None:
+    bag, file = make_bag(), tmp_path / "labels.json"
+    (proposal,), _ = propose_by_plan([truth_from_bag(bag)])
+    labels = planned(proposal.labels)
+    content = labels_to_json(labels)
+    write_json(file, content)
+    assert labelled_clip(Clip(bag), file).labels == labels
+    content["labels"][-1][key] = content["labels"][of][key]
+    write_json(file, content)
+    with pytest.raises(InputError) as caught:
+        labelled_clip(Clip(bag), file)
+    last = len(labels.labels) - 1
+    assert f"labels.json: labels[{last}].{told}" in str(caught.value)
+    assert "`ssp labels check` lists all" in str(caught.value)
