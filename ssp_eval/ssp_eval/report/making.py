@@ -21,7 +21,13 @@ from ssp_eval.statistics.constants import (
     constants_of_cells,
 )
 from ssp_eval.statistics.notices import everywhere, notices
-from ssp_eval.statistics.rows import CellRow, one_scale, rows_from_cells
+from ssp_eval.statistics.rows import (
+    CellRow,
+    apart_across_runs,
+    one_scale,
+    rows_from_cells,
+    without_domains,
+)
 from ssp_eval.statistics.statistics import Options, compute
 from ssp_eval.statistics.statistics_tables import statistics_tables
 from ssp_eval.statistics.table import Table
@@ -74,6 +80,9 @@ def runs_of(
 ) -> tuple[list[CellData], list[CellRow], list[OfScenario]]:
     """Read the cells of one or several campaigns, which are runs that differ by folder.
 
+    A scenario whose labels can't be compared between domains over all runs stays out of domain
+    means in each of them (METHOD 5.2b).
+
     Args:
         folders: of the campaigns.
         on_cells: is called with the number of cells of each campaign; what it returns is called
@@ -85,15 +94,19 @@ def runs_of(
     campaigns = list(folders)
     names = [folder.resolve().name for folder in campaigns]
     data: list[CellData] = []
-    rows: list[CellRow] = []
-    constants: list[OfScenario] = []
+    runs: list[tuple[list[CellRow], list[CellData]]] = []
     for folder, name in zip(campaigns, names, strict=True):
         if sum(other.resolve() == folder.resolve() for other in campaigns) > 1:
             raise InputError("is given twice", file=folder, remedy="give each campaign once")
         cells = load_cells(folder, on_cells(len(cell_files(folder))))
         data += cells
         run = name if names.count(name) == 1 else str(folder)
-        own = rows_from_cells(cells, run if len(campaigns) > 1 else "")
+        runs.append((rows_from_cells(cells, run if len(campaigns) > 1 else ""), cells))
+    apart = apart_across_runs(data) if len(runs) > 1 else ()
+    rows: list[CellRow] = []
+    constants: list[OfScenario] = []
+    for scored, cells in runs:
+        own = [without_domains(row) if row.scenario in apart else row for row in scored]
         constants += constants_of_cells(own, cells)
         rows += own
     return data, rows, constants

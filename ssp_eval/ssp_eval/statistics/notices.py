@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ssp_core import RULES_VERSION
 from ssp_core.vocabulary import DOMAINS, PHASES
+from ssp_eval.data.labels import LabelComparison
 from ssp_eval.evaluate.clients.models import (
     ANSWERERS,
     BEST_CONSTANT,
@@ -23,6 +24,7 @@ from ssp_eval.score.aggregate import domain_order
 from ssp_eval.statistics.rows import (
     OK,
     CellRow,
+    apart_across_runs,
     compared_labels,
     doubtful,
     entering,
@@ -340,7 +342,10 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
 
 
 def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable[Notice]:
-    """Yield notices on comparability within each run: another run may have other recordings."""
+    """Yield notices on comparability within each run, and of versions of K* over all runs.
+
+    Another run may have other recordings, but of the same event.
+    """
     runs = [
         (row.run, cell)
         for row, cell in zip(rows, cells, strict=bool(cells))
@@ -360,7 +365,7 @@ def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterab
             "models again with the same ones."
         )
         yield Notice(COMPARABILITY, text, about, everywhere=True)
-    if names := _several((run, cell.scenario, cell.facts.event_version) for run, cell in runs):
+    if names := _several(("", cell.scenario, cell.facts.event_version) for _, cell in runs):
         text = f"Not comparable: the cells of {some(names)} use different versions of K*."
         yield Notice(COMPARABILITY, text, tuple(names), everywhere=True)
     extractors = {cell.facts.hashes.get("extractor") for _, cell in runs}
@@ -406,7 +411,7 @@ def _outside(cells: Sequence[CellData]) -> Iterable[Notice]:
 def _label_plans(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable[Notice]:
     """Note how many labels each phase has, and which domains don't compare by them (METHOD 5.2b).
 
-    Within each run, as _comparability.
+    Within each run, as _comparability, and over all runs where each is comparable by itself.
     """
     runs: dict[str, list[CellData]] = {}
     for row, cell in zip(rows, cells, strict=bool(cells)):
@@ -415,8 +420,16 @@ def _label_plans(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable
     comparisons = {
         (name, plan): None for of in runs.values() for name, plan in compared_labels(of).items()
     }
+    apart = apart_across_runs(cells) if len(runs) > 1 else set()
+    for scenario in sorted(apart - {name for name, one in comparisons if _is_apart(one)}):
+        text = (
+            f"Not comparable: the labels of {scenario} lie at different places within the phases "
+            "of each domain in different runs. Its recordings are scored but left out of domain "
+            "means; `ssp labels new SYN SIM PHY` plans their labels together."
+        )
+        yield Notice(COMPARABILITY, text, (scenario,), everywhere=True)
     for scenario, comparison in comparisons:
-        if comparison.domains < 2 or comparison.comparable:
+        if not _is_apart(comparison):
             clock = comparison.domains > 1 and not comparison.aligned
             aligned = "; the labels are not phase-aligned" if clock else ""
             text = f"Labels of {scenario} in {order}: {comparison.text}{aligned}."
@@ -428,6 +441,10 @@ def _label_plans(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable
             "of domain means; `ssp labels new SYN SIM PHY` plans their labels together."
         )
         yield Notice(COMPARABILITY, text, (scenario,), everywhere=True)
+
+
+def _is_apart(comparison: LabelComparison) -> bool:
+    return comparison.domains > 1 and not comparison.comparable
 
 
 def _of_renderers(cells: Sequence[CellData]) -> Iterable[Notice]:

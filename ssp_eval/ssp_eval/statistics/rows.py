@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import permutations
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -17,7 +18,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model,
 from ssp_core.errors import InputError
 from ssp_core.files.reading import parse_model, read_text
 from ssp_core.vocabulary import DOMAINS_READ, read_domain
-from ssp_eval.data.labels import LabelComparison, compare_by_scenario
+from ssp_eval.data.labels import LabelComparison, Labels, compare_by_scenario, compare_labels
 from ssp_eval.evaluate.clients.models import is_control_name
 from ssp_eval.evaluate.store.admission import ADMITTED
 from ssp_eval.evaluate.store.cell_file import losses_text, outages
@@ -221,6 +222,36 @@ def rows_from_cells(cells: list[CellData], run: str = "") -> list[CellRow]:
 def compared_labels(cells: Iterable[CellData]) -> dict[str, LabelComparison]:
     """Compare the labels of each scenario's scored recordings, within one run."""
     return compare_by_scenario((c.scenario, c.domain, c.labels) for c in cells if c.score)
+
+
+def apart_across_runs(cells: Iterable[CellData]) -> set[str]:
+    """Return the scenarios that aren't comparable between domains over the runs of all cells.
+
+    In these, some labels of one domain have no comparable ones in another (METHOD 5.2b).
+    """
+    by_scenario: dict[str, dict[str, dict[Labels, None]]] = {}
+    for cell in cells:
+        if cell.score:
+            domains = by_scenario.setdefault(cell.scenario, {})
+            domains.setdefault(cell.domain, {})[cell.labels] = None
+
+    def comparable(one: Labels, others: Iterable[Labels]) -> bool:
+        return any(compare_labels({"one": one, "other": other}).comparable for other in others)
+
+    return {
+        scenario
+        for scenario, domains in by_scenario.items()
+        for own, others in permutations(domains.values(), 2)
+        if not all(comparable(one, others) for one in own)
+    }
+
+
+def without_domains(row: CellRow) -> CellRow:
+    """Return a scored row kept out of domain means, with OTHER_LABELS among its reasons."""
+    if row.status != OK or OTHER_LABELS in row.reason:
+        return row
+    reason = "; ".join(filter(None, (row.reason, OTHER_LABELS)))
+    return replace(row, admitted=False, reason=reason)
 
 
 def _row_of(cell: CellData, run: str, compared: LabelComparison | None) -> CellRow:

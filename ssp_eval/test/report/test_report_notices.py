@@ -18,12 +18,21 @@ from ssp_eval.evaluate.clients.model_client import InProcessClients
 from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.run import show
-from ssp_eval.evaluate.store.results import load_cells
+from ssp_eval.evaluate.store.admission import ADMITTED
+from ssp_eval.evaluate.store.results import AdmissionFacts, CellData, load_cells
 from ssp_eval.extract.combined.extractor import Extractor, TextExtraction
+from ssp_eval.report import making
 from ssp_eval.report.page import write_report
 from ssp_eval.score.thresholds import Thresholds
-from ssp_eval.statistics.notices import domain_text, everywhere, lead, notices
-from ssp_eval.statistics.rows import entering, rows_from_campaign, rows_from_csv
+from ssp_eval.statistics.constants import constant_rows
+from ssp_eval.statistics.notices import Notice, domain_text, everywhere, lead, notices
+from ssp_eval.statistics.rows import (
+    OTHER_LABELS,
+    CellRow,
+    entering,
+    rows_from_campaign,
+    rows_from_csv,
+)
 from ssp_eval.statistics.table import write_tables
 from ssp_eval.statistics.tables import all_tables, matrix_table
 from tests.support.score_rows import row
@@ -84,6 +93,65 @@ def test_cells_of_different_recordings_are_named(campaign: Path) -> None:
     resealed(folder, lambda facts: facts["hashes"].update(other))
     page = write_report(campaign).read_text()
     assert "Not comparable: the cells of cut_in / physical use different recordings" in page
+
+
+def runs(
+    monkeypatch: pytest.MonkeyPatch, **cells_by_run: list[CellData]
+) -> tuple[list[CellRow], list[Notice]]:
+    """Rows and notices of campaigns whose cells are these, audited and admitted."""
+    audited = {"admission": AdmissionFacts(status=ADMITTED)}
+    admitted = {
+        name: [replace(cell, facts=cell.facts.model_copy(update=audited)) for cell in cells]
+        for name, cells in cells_by_run.items()
+    }
+    monkeypatch.setattr(making, "cell_files", lambda _: [])
+    monkeypatch.setattr(making, "load_cells", lambda folder, _: admitted[folder.name])
+    data, rows, constants = making.runs_of(Path(name) for name in admitted)
+    assert [row.admitted for row in constant_rows(constants)] == [
+        row.admitted for row in rows if row.model == MODELS[0]
+    ]
+    return rows, notices(rows, data)
+
+
+def test_domains_of_several_runs_are_compared_by_their_labels(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cells = load_cells(campaign)
+    simulation = [cell for cell in cells if cell.domain == "simulation"]
+    physical = [cell for cell in cells if cell.domain == "physical"]
+    fewer = [
+        replace(cell, labels=replace(cell.labels, labels=cell.labels.labels[:-1]))
+        for cell in physical
+    ]
+    for by_run in (
+        {"a": [*simulation, *fewer], "b": simulation},
+        {"a": simulation, "b": fewer},
+        {"a": [*simulation, *physical], "b": fewer},
+    ):
+        rows, told = runs(monkeypatch, **by_run)
+        assert not any(row.admitted for row in rows)
+        assert {row.reason for row in rows} == {OTHER_LABELS}
+        (one,) = [x for x in told if "labels of cut_in lie at different places" in x.text]
+        assert (one.kind, one.everywhere, one.about) == ("comparability", True, ("cut_in",))
+    # Each has a partner in the other domain.
+    for by_run in (
+        {"a": simulation, "b": physical},
+        {"a": [*simulation, *physical], "b": simulation},
+    ):
+        rows, told = runs(monkeypatch, **by_run)
+        assert all(row.admitted and not row.reason for row in rows)
+        assert not any("Not comparable" in x.text for x in told)
+
+
+def test_a_repetition_of_another_version_of_the_event_is_told(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cells = load_cells(campaign)
+    other = {"event_version": "sha256:" + "9" * 64}
+    later = [replace(one, facts=one.facts.model_copy(update=other)) for one in cells]
+    _, told = runs(monkeypatch, a=cells, b=later)
+    text = "Not comparable: the cells of cut_in use different versions of K*."
+    assert [x.everywhere for x in told if x.text == text] == [True]
 
 
 @pytest.mark.parametrize("most", [None, 0])
