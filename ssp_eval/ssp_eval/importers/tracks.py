@@ -267,6 +267,8 @@ def make_track(samples: Samples, body: Body, findings: Findings) -> Track:
         )
     t_s = (samples.stamps_ns - samples.stamps_ns[0]) / NS_PER_S
     axes = _axes_finding(samples, body, t_s)
+    if "yaw_rad" in samples.columns and not body.heading_from_motion:
+        _check_turns(samples)
     samples = body.transform.applied(samples)
     reported_xy_m = samples.xy_m
     velocity = slopes(t_s, reported_xy_m)
@@ -352,7 +354,6 @@ def _with_heading(
         The samples, and whether the headings are the source's own.
     """
     if "yaw_rad" in samples.columns and not body.heading_from_motion:
-        _check_turns(samples)
         return samples, True
     moved = np.linalg.norm(velocity, axis=1)
     fast = np.flatnonzero(moved >= MOVING_MPS / 2.0)
@@ -373,7 +374,7 @@ def _with_heading(
 
 
 def _check_turns(samples: Samples) -> None:
-    """Refuse headings that aren't in rad."""
+    """Refuse headings that aren't in rad, as the source states them."""
     yaw = samples["yaw_rad"]
     too_large = np.abs(yaw) > 2.0 * math.pi + 0.01
     if too_large.any():

@@ -209,6 +209,18 @@ def test_a_table_that_contradicts_itself_or_the_video_is_refused(
     assert match in message
 
 
+def test_headings_are_judged_as_they_are_stated(video: Path, table: Path, tmp_path: Path) -> None:
+    """A heading of 6 rad is sound, and stays it where a transform adds a quarter turn."""
+
+    def turn(rows: list[dict[str, Any]]) -> None:
+        c, s = math.cos(6.0), math.sin(6.0)
+        for row in rows:
+            x, y = float(row["x_m"]), float(row["y_m"])
+            row.update(x_m=c * x - s * y, y_m=s * x + c * y, yaw_rad=6.0 + float(row["yaw_rad"]))
+
+    assert run(video, changed(table, turn), tmp_path / "rec", "--transform", "all=0,0,90") == 0
+
+
 def with_text(old: str, new: str, line: int | None = None) -> Callable[[str], str]:
     """A text with one place changed: the first, or the first in a line (from 1)."""
 
