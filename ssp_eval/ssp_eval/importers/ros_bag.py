@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
 from array import array
 from collections.abc import Callable, Collection, Iterator
@@ -28,7 +29,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.closing import Closing
 from ssp_core.errors import InputError
 from ssp_core.files.reading import read_mapping
-from ssp_core.geodesy import Datum
+from ssp_core.geodesy import Datum, Place
 from ssp_core.geometry import yaw_of
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.importers.clocks import Clock, Times
@@ -46,6 +47,8 @@ POSE_TYPES = (ODOMETRY, POSE, POSE_COVARIANCE, FIX)
 TF_STATIC = "/tf_static"
 # Geodetic positions name the antenna as their frame; what they are in is the datum's.
 DATUM_FRAME = "datum"
+# Farther from the datum, lengths in its plane shrink by more than 3e-5, their share d²/2R².
+_FARTHEST_M = 50_000.0
 _FAILURES = (ReaderError, SerdeError, sqlite3.Error, OSError, RuntimeError, *DAMAGE)
 _REPAIRABLE = "a damaged MCAP file is mended by `ssp bag recover`"
 
@@ -443,11 +446,20 @@ class _PoseReading:
         columns = dict(zip(names, values, strict=True))
         notes = []
         if self._kind == FIX and self._datum is not None:
-            columns["x_m"], columns["y_m"], _ = self._datum.all_to_site(
+            columns["x_m"], columns["y_m"], up_m = self._datum.all_to_site(
                 columns.pop("latitude"),
                 columns.pop("longitude"),
                 np.nan_to_num(columns.pop("altitude")),
             )
+            apart_m = np.linalg.norm([columns["x_m"], columns["y_m"], up_m], axis=0)
+            if (apart_m > _FARTHEST_M).any():
+                raise InputError(
+                    f"lies up to {np.nanmax(apart_m) / 1000.0:.0f} km from the datum, more than "
+                    f"{_FARTHEST_M / 1000.0:.0f} km",
+                    file=self._bag.path,
+                    field=self._topic,
+                    remedy="give the datum of this site with --datum LAT,LON[,ALT]",
+                )
             frame_id, child = DATUM_FRAME, frame_id
             notes.append(f"{self._topic}: geodetic, in the frame of the datum")
         on_clock = base.on(self._span.clock)
@@ -505,7 +517,11 @@ def _odometry(message: Any) -> tuple[float, ...]:
 def _fix(message: Any) -> tuple[float, ...]:
     if message.status.status < 0:
         raise ValueError("it is without a fix")
-    return float(message.latitude), float(message.longitude), float(message.altitude)
+    place = Place(float(message.latitude), float(message.longitude), float(message.altitude))
+    has_number = not (math.isnan(place.latitude_deg) or math.isnan(place.longitude_deg))
+    if has_number and place.problem is not None:
+        raise ValueError(f"its {place.problem}")
+    return place.latitude_deg, place.longitude_deg, place.altitude_m
 
 
 _READERS: dict[str, Callable[[Any], tuple[float, ...]]] = {

@@ -297,11 +297,15 @@ def test_poses_alone_give_speeds_and_headings_of_their_own(day: TrackDay, tmp_pa
     assert "ot1: speed derived from its positions, a line through the samples within 0.15 s" in said
 
 
-def test_geodetic_positions_need_a_datum_and_lie_in_its_frame(
-    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
-) -> None:
-    """One degree of latitude at 57.7 N is 111,358 m of the meridian, one of longitude 59,718 m."""
-    lat, lon, status = 57.7, 12.9, TYPES.types["sensor_msgs/msg/NavSatStatus"](status=0, service=1)
+LAT, LON = 57.7, 12.9
+
+
+def geodetic(lat_deg: float) -> Callable[[Message], Message]:
+    """Poses as fixes, north of a latitude and east of LON.
+
+    One degree of latitude at 57.7 N is 111,358 m of the meridian, one of longitude 59,718 m.
+    """
+    status = TYPES.types["sensor_msgs/msg/NavSatStatus"](status=0, service=1)
 
     def as_fix(m: Message) -> Message:
         if m[1] != ODOMETRY:
@@ -310,23 +314,50 @@ def test_geodetic_positions_need_a_datum_and_lie_in_its_frame(
         fix = TYPES.types[FIX](
             header=header(m[3].header.stamp.sec * 10**9 + m[3].header.stamp.nanosec, "gps"),
             status=status,
-            latitude=lat + p.y / 111_358.0,
-            longitude=lon + p.x / 59_718.0,
+            latitude=lat_deg + p.y / 111_358.0,
+            longitude=LON + p.x / 59_718.0,
             altitude=0.0,
             position_covariance=np.zeros(9),
             position_covariance_type=0,
         )
         return (m[0], FIX, m[2], fix)
 
-    source = write_bag(tmp_path / "day", messages_of(day, as_fix))
+    return as_fix
+
+
+def test_geodetic_positions_need_a_datum_and_lie_in_its_frame(
+    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    source = write_bag(tmp_path / "day", messages_of(day, geodetic(LAT)))
     given = ("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
     assert "give the origin of the map's frame with --datum" in refused(*given)
     assert (
-        run(source, tmp_path / "rec", *DECLARED, "--datum", f"{lat},{lon}", "--site", "boulevard")
+        run(source, tmp_path / "rec", *DECLARED, "--datum", f"{LAT},{LON}", "--site", "boulevard")
         == 0
     )
     event, _ = imported(tmp_path / "rec")
     assert starts(event) == pytest.approx(starts(truth(day)), abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("lat_deg", "datum", "text"),
+    [
+        (LAT, f"{-LAT},{LON}", "km from the datum, more than 50 km"),
+        (LAT, f"{LAT + 0.5},{LON}", "lies up to 56 km from the datum"),
+        (95.0, f"{LAT},{LON}", "must be from -90 to 90"),
+    ],
+)
+def test_geodetic_positions_off_the_earth_or_far_from_the_datum_are_refused(
+    lat_deg: float,
+    datum: str,
+    text: str,
+    day: TrackDay,
+    tmp_path: Path,
+    refused: Callable[..., str],
+) -> None:
+    source = write_bag(tmp_path / "day", messages_of(day, geodetic(lat_deg)))
+    given = ("import-bag", source, *OBJECTS, *DECLARED, f"--datum={datum}")
+    assert text in refused(*given, "--out", tmp_path / "rec")
 
 
 def test_an_object_in_its_own_frame_is_brought_into_the_others(
