@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from operator import attrgetter
 
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.audit.evidence import (
@@ -115,11 +116,12 @@ def _review(one: Subject) -> Iterator[Finding]:
 
 
 def _gate(one: Subject) -> Iterator[Finding]:
-    """Yield the five reasons of the source gate (METHOD 1), as the observations state them."""
+    """Yield the five reasons of the source gate (METHOD 1), as any observation states them."""
     if one.agreement is not None:
-        for reason in one.agreement.answers.rejections():
-            text = f"{GATE_REASONS[reason]}, as {one.agreement.by} saw"
-            yield Finding("source_rejected", text)
+        for reason, text in GATE_REASONS.items():
+            for who, has_it in one.agreement.statements(attrgetter(f"source_gate.{reason}.value")):
+                if has_it:
+                    yield Finding("source_rejected", f"{text}, as {who} saw")
 
 
 def _contradictions(one: Subject) -> Iterator[Finding]:

@@ -283,7 +283,7 @@ PREDICTED = ("conflict", "resolution")
 
 
 def observed_differences(
-    evidence: Sequence[Evidence], varying: Collection[str] = ()
+    evidence: Sequence[Evidence], varying: Collection[str] = (), first: int = 1
 ) -> list[Difference]:
     """List where an observation differs from a source that ranks above it (METHOD 4.3).
 
@@ -294,9 +294,10 @@ def observed_differences(
     Args:
         evidence: in the order in which it counts.
         varying: parts of the topology that may differ between domains.
+        first: place of the first one that is held against those before it.
     """
     contradictions = []
-    for index, other in enumerate(evidence[1:], start=1):
+    for index, other in enumerate(evidence[first:], start=first):
         before = combined(evidence[:index])
         for name, observed in other.properties.items():
             counts = before[name]
@@ -359,6 +360,25 @@ def observed(agreement: Agreement) -> Evidence:
     properties = {k: q for k, q in agreement.properties().items() if q.words is not None}
     starts = agreement.answers.phase_starts()
     return Evidence("observed", f"observed by {agreement.by}", properties, starts or None)
+
+
+def observed_apart(agreement: Agreement) -> list[Evidence]:
+    """Return the evidence of each of several persons on what doesn't count of them all."""
+    together = observed(agreement)
+    evidence = []
+    for one in agreement.observations:
+        properties = {
+            name: value
+            for name, value in one.properties().items()
+            if value.words is not None and name not in together.properties
+        }
+        starts = {
+            phase: t_s
+            for phase, t_s in one.phase_starts().items()
+            if phase not in (together.starts or {})
+        }
+        evidence.append(Evidence("observed", f"observed by {one.who}", properties, starts))
+    return evidence
 
 
 def is_source_clip(recording: Recording, event: Event | None) -> bool:
@@ -428,7 +448,12 @@ class Subject:
     def observed_differences(self) -> list[Difference]:
         """List where an observation differs from a source that ranks above it."""
         varying = frozenset[str]() if self.event is None else varying_parts(self.event)
-        return observed_differences(self.evidence_sources, varying)
+        above = [one for one in self.evidence_sources if one.source != "observed"]
+        apart = () if self.agreement is None else observed_apart(self.agreement)
+        return [
+            *observed_differences(self.evidence_sources, varying),
+            *(d for one in apart for d in observed_differences([*above, one], varying, len(above))),
+        ]
 
     @property
     def located(self) -> Evidence | None:

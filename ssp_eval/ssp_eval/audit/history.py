@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from operator import attrgetter
 
 from ssp_core.safety.codes import SafetyCode
 from ssp_eval.audit.evidence import Subject
@@ -160,12 +161,15 @@ def examine_history(one: Subject) -> History:
         )
         findings, identities = [*findings, *observer_findings], (*identities, *observer_identities)
     declared: list[tuple[str, Log | LogDeclaration]] = []
-    if agreement is not None:
+    disputed: list[tuple[str, Log | LogDeclaration]] = []
+    if agreement is not None and any(field.startswith("log.") for field in agreement.differing):
+        disputed = [(f"declared by {one.who}", one.log) for one in agreement.observations]
+    elif agreement is not None:
         declared.append((f"declared by {agreement.by}", agreement.answers.log))
     if facts.imported is not None and (log := facts.imported.log) is not None:
         declared.append((f"declared by {log.by}, {log.on.isoformat()}", log))
     # What one person saw happen isn't undone by another who, or a log that, doesn't know of it.
-    for by, entry in declared:
+    for by, entry in (*disputed, *declared):
         if entry.safety_abort:
             findings.append(Finding("safety_abort", by))
         if entry.identity_switch:
@@ -175,6 +179,7 @@ def examine_history(one: Subject) -> History:
             ChangeEntry(field=change, old=None, new=None, logged=True, who=by)
             for change in entry.site_changes or ()
         ]
+    for by, entry in declared:
         is_whole = None not in (entry.safety_abort, entry.identity_switch, entry.site_changes)
         if is_whole and facts.run is None:
             source = by
@@ -195,12 +200,12 @@ def _observer_statements(
     Of a video alone they must be able to make them.
     """
     findings, identities = [], []
-    stable = agreement.answers.identity_stable.value
-    if stable is False:
-        findings.append(Finding("identity_switch", f"seen by {agreement.by}"))
-        identities.append(f"a switch, seen by {agreement.by}")
+    for who, is_stable in agreement.statements(attrgetter("identity_stable.value")):
+        if not is_stable:
+            findings.append(Finding("identity_switch", f"seen by {who}"))
+            identities.append(f"a switch, seen by {who}")
     open_questions = list(agreement.answers.unverified_reasons())
-    if stable is None:
+    if agreement.answers.identity_stable.value is None:
         open_questions.append("identity")
     if open_questions and not has_states:
         names = ", ".join(dict.fromkeys(open_questions))

@@ -10,7 +10,9 @@ import math
 import statistics
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import pairwise
+from operator import attrgetter
 from typing import Literal
 
 from ssp_eval.audit.evidence import PHASES_FIELD, Subject, review_of, visibility_field
@@ -19,6 +21,7 @@ from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.data.audit import CoverageEntry, LabelSize, SightEntry
 from ssp_eval.observations.agreement import Agreement
+from ssp_eval.observations.model import Answers
 from ssp_eval.recordings.sight import Moment, object_height_px, object_sight, zone_sight
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
 from ssp_scenario_manager.scenarios.further import further_ids
@@ -162,25 +165,32 @@ def _losses_in_review(entry: CoverageEntry, agreement: Agreement | None) -> list
     """
     if agreement is None:
         return []
-    visibility = agreement.answers.visibility
     lost = [
-        (who, share, entry.participants[who])
-        for who, one in visibility.participants.items()
-        if who in entry.participants
-        and (share := one.share) is not None
-        and share < entry.participants[who].needed - 1e-9
+        (who, by, share, sight)
+        for who, sight in entry.participants.items()
+        if who in agreement.answers.visibility.participants
+        for by, share in agreement.statements(partial(_share, who=who))
+        if share < sight.needed - 1e-9
     ]
-    if visibility.conflict_region.share == 0.0 and entry.zone is not None:
-        lost.append(("the conflict region", 0.0, entry.zone))
+    if entry.zone is not None:
+        lost += [
+            ("the conflict region", by, share, entry.zone)
+            for by, share in agreement.statements(attrgetter("visibility.conflict_region.share"))
+            if share == 0.0
+        ]
     return [
         Finding(
             "observation_differs",
-            f"{who}: {agreement.by} saw it for {100 * share:.0f} %; {entry.source}: "
+            f"{who}: {by} saw it for {100 * share:.0f} %; {entry.source}: "
             f"{100 * sight.fraction:.0f} %",
         )
-        for who, share, sight in lost
+        for who, by, share, sight in lost
         if sight.fraction is not None and sight.fraction >= sight.needed - 1e-9
     ]
+
+
+def _share(answers: Answers, who: str) -> float | None:
+    return answers.visibility.participants[who].share
 
 
 def _reviewed(event: Event, needed: float) -> tuple[CoverageEntry, list[Finding]]:

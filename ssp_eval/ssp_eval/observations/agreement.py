@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from ssp_core.errors import InputError
 from ssp_eval.data.audit import AgreementEntry, Property
@@ -18,6 +18,7 @@ SAME_SHARE = 0.1
 _TOLERANCE = 1e-6
 UNVERIFIED = "unverified"
 
+Said = TypeVar("Said")
 Verdict = Literal["agree", "differ", "one alone", "contradict", "unknown"]
 
 
@@ -48,6 +49,12 @@ class Agreement:
     def differing(self) -> tuple[str, ...]:
         """Fields on which they differ, which are unverified."""
         return tuple(row.field for row in self.rows if row.verdict in ("differ", "contradict"))
+
+    def statements(self, of: Callable[[Answers], Said | None]) -> list[tuple[str, Said]]:
+        """Return an answer with the names of who gave it: of each alone where none counts."""
+        if (together := of(self.answers)) is not None:
+            return [(self.by, together)]
+        return [(one.who, own) for one in self.observations if (own := of(one)) is not None]
 
     def properties(self) -> dict[str, Property]:
         """Return q(d, k); not determined where they differ or no observer could tell."""

@@ -14,6 +14,7 @@ from observation_files import answers, changed, footage_of, seal
 from ssp_eval.audit import examine as examining
 from ssp_eval.audit.evidence import Difference, Evidence, Source, observed_differences
 from ssp_eval.audit.examine import Examination, examine
+from ssp_eval.audit.history import examine_history
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.measure import RoadFacts
 from ssp_eval.audit.recording import Recording, read_recording
@@ -48,17 +49,18 @@ def codes(one: Examination) -> set[str]:
 
 @pytest.fixture
 def with_observation(recording: Recording, tmp_path: Path) -> Callable[..., Recording]:
-    """The recording with what a person saw of it: just that, but for one answer."""
+    """The recording with what persons saw of it: just that, but for one answer of the first."""
 
-    def make(path: str = "who", value: Any = "Ada Vance") -> Recording:
+    def make(path: str = "who", value: Any = "Ada Vance", *others: str) -> Recording:
         content, phases = answers(), look(recording).phases
         content["topology"]["lanes_opposite"] = 2
         for name in ("trigger", "conflict", "resolution"):
             t_s = getattr(phases, f"{name}_s")
             content["phases"][name] = {"t_s": t_s, "frames": [40]}
-        file = seal(recording.path, tmp_path / "seen.json", changed(path, value, content))
         footage = footage_of(recording.path)
-        told = agree([load_observation(file, footage)], footage.period_s)
+        seen = [changed(path, value, content), *(changed("who", who, content) for who in others)]
+        files = [seal(recording.path, tmp_path / f"{k}.json", one) for k, one in enumerate(seen)]
+        told = agree([load_observation(file, footage) for file in files], footage.period_s)
         return replace(recording, agreement=told)
 
     return make
@@ -85,6 +87,36 @@ def test_what_a_person_saw_happen_counts_beside_our_own_log_and_camera(
     path: str, value: Any, code: str, with_observation: Callable[..., Recording]
 ) -> None:
     assert codes(look(with_observation(path, value))) == {code}
+    assert codes(look(with_observation(path, value, "Bo Ek"))) == {code}
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "code", "text"),
+    [
+        ("source_gate.deformation.value", True, "source_rejected", "as Ada Vance saw"),
+        ("dominant_motion.value", "cutting_in_from_right", "observation_differs", "Ada Vance says"),
+        ("topology.segment", "curve", "observation_differs", "by Ada Vance says segment curve"),
+        ("phases.trigger.t_s", 2.0, "observation_differs", "the trigger: observed by Ada Vance"),
+    ],
+)
+def test_another_observer_takes_no_refusal_back(
+    path: str, value: Any, code: str, text: str, with_observation: Callable[..., Recording]
+) -> None:
+    (finding,) = look(with_observation(path, value, "Bo Ek")).findings
+    assert (finding.code, text in finding.detail) == (code, True)
+    both = look(with_observation("who", "Ada Vance", "Bo Ek"))
+    assert (both.findings, both.history.source) == ((), look(with_observation()).history.source)
+
+
+def test_logs_that_differ_count_for_neither_observer(
+    with_observation: Callable[..., Recording],
+) -> None:
+    one = with_observation("log.site_changes", ["a barrier moved"], "Bo Ek")
+    history = examine_history(look(replace(one, provenance=replace(one.provenance, run=None))))
+    assert history.source == "nobody"
+    assert [(c.field, c.who) for c in history.changes] == [
+        ("a barrier moved", "declared by Ada Vance")
+    ]
 
 
 def test_a_camera_that_somebody_guessed_shows_nothing(
