@@ -25,7 +25,7 @@ from ssp_scenario_manager.event_spec.model import Event
 
 Option = Callable[[Any], Any]
 ALL = "all"
-_ID = re.compile(r"[a-z][a-z0-9_]{0,31}")
+OBJECT_ID = re.compile(r"[a-z][a-z0-9_]{0,31}")
 
 
 @dataclass(frozen=True)
@@ -357,7 +357,7 @@ def pairs(option: str, arguments: tuple[str, ...]) -> dict[str, str]:
     values_by_id: dict[str, str] = {}
     for text in arguments:
         name, sign, value = text.partition("=")
-        if not sign or not _ID.fullmatch(name) or not value:
+        if not sign or not OBJECT_ID.fullmatch(name) or not value:
             raise click.UsageError(
                 f"{option} {text}: give ID=VALUE, ID of a-z, 0-9 and _, such as ot1"
             )

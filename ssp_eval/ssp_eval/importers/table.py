@@ -33,6 +33,8 @@ OPTIONAL = ("height_m", *_RATES)
 # Sizes of one object that differ by more than this are two objects'.
 _SIZE_M = 0.1
 _LONGEST_M = 40.0
+# Later than the year 2090, where it counts from 1970.
+_LATEST_S = 4e9
 
 
 @dataclass(frozen=True)
@@ -209,7 +211,7 @@ def _classes(
 def _numbers(
     path: Path, lines: Sequence[int], name: str, texts: Sequence[str], findings: Findings
 ) -> FloatArray:
-    """Return a column, in which every row has a finite number; extents are those of road users."""
+    """Return a column of finite numbers; extents are those of road users, times are in s."""
     column = np.array([_number(text) for text in texts])
     none = ~np.isfinite(column)
     wrong = [(none, "is no number", "every row needs all its values")]
@@ -217,6 +219,9 @@ def _numbers(
         far = ~none & ((column <= 0.0) | (column > _LONGEST_M))
         remedy = f"m, above 0 and up to {_LONGEST_M:g}"
         wrong.append((far, "is no extent of a road user", remedy))
+    if name == "t_s":
+        far = ~none & (np.abs(column) > _LATEST_S)
+        wrong.append((far, "is no time in s: ms or ns?", "convert the times to s"))
     for rows, problem, remedy in wrong:
         if rows.any():
             i = int(np.argmax(rows))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,7 @@ from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera_messages import encode_frame
 from ssp_eval.importers.findings import Finding, Findings
 from ssp_eval.importers.frames import Repeats, speeds_of
-from ssp_eval.importers.options import ImportOptions
+from ssp_eval.importers.options import OBJECT_ID, ImportOptions
 from ssp_eval.importers.table import Table, TableObject, read_table
 from ssp_eval.importers.target import (
     IMAGE,
@@ -59,6 +59,8 @@ _LEAST_PAIRS = 5
 # Frames that change so many times as much while the VUT stands are another run's.
 _CONTRARY = 2.0
 _COMPARED_PX = (64, 36)
+# So many objects, and so long a note, import.json holds.
+_MOST_OBJECTS, _LONGEST_NOTE = 64, 450
 # Times of one frame by two decoders differ by less than this part of a frame's period.
 _SLACK = 0.01
 
@@ -335,7 +337,7 @@ def _measured(
     high_ns = low_ns + last_ns
     notes, tracks = [], []
     if table.ignored:
-        notes.append(f"columns that are not read: {', '.join(table.ignored)}")
+        notes.append(f"columns that are not read: {_listed(table.ignored)}")
     if others := len(table.objects) - len(names):
         notes.append(f"{others} other objects of the table are left out")
     for object_id, name in names.items():
@@ -447,6 +449,14 @@ def _check_motion(measured: Motion, change: _FrameChange, frames_ns: NDArray[np.
     measured.states.notes.append(f"the table {text}: is it of this run?")
 
 
+def _listed(columns: Sequence[str]) -> str:
+    """List columns for people; of many the first twelve, with the count."""
+    text = ", ".join(columns)
+    if len(text) <= _LONGEST_NOTE:
+        return text
+    return f"{len(columns)}, such as {', '.join(name[:24] for name in columns[:12])}"
+
+
 def _names(table_options: TableOptions, table: Table, findings: Findings) -> dict[str, str]:
     """Return the id in the table by the id in the recording, the VUT first."""
     table_ids = {VUT_ID: table_options.vut, **table_options.objects}
@@ -467,7 +477,25 @@ def _names(table_options: TableOptions, table: Table, findings: Findings) -> dic
                     remedy=f"its ids are {', '.join(list(table.objects)[:12])}",
                 ),
             )
+        elif not OBJECT_ID.fullmatch(object_id):
+            findings.note(
+                "table",
+                InputError(
+                    "is no id of a recording's object: a-z, then a-z, 0-9 and _, at most 32",
+                    file=table_options.file,
+                    field="id",
+                    value=name,
+                    remedy=f"name the event's objects, as in --object 'ot1={name}'",
+                ),
+            )
     findings.need()
+    if len(table_ids) - 1 > _MOST_OBJECTS:
+        raise InputError(
+            f"holds {len(table_ids) - 1} objects beside the VUT, more than {_MOST_OBJECTS}",
+            file=table_options.file,
+            field="id",
+            remedy="name those of the event with --object ot1=ID",
+        )
     if len(table_ids) < 2:
         raise InputError(
             "holds no object beside the VUT",

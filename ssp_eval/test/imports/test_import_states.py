@@ -79,6 +79,14 @@ def scaled(column: str, factor: float) -> Callable[[list[dict[str, Any]]], None]
     return change
 
 
+def named(name: str) -> Callable[[list[dict[str, Any]]], None]:
+    def change(rows: list[dict[str, Any]]) -> None:
+        for row in rows:
+            row["id"] = name if row["id"] == "ot1" else row["id"]
+
+    return change
+
+
 def run(video: Path, table: Path, out: Path, *options: object) -> int:
     given = ("--states", str(table), *map(str, options), "--out", str(out))
     return main(["import-video", str(video), *given])
@@ -180,6 +188,20 @@ WRONG: list[tuple[str, Callable[[list[dict[str, Any]]], None], str]] = [
         "positions go at 10.00 m/s",
     ),
     ("degrees", scaled("yaw_rad", math.degrees(1)), "a heading of more than one turn: degrees?"),
+    (
+        "milliseconds since 1970",
+        lambda rows: [r.update(t_s=1.7e12 + 1000 * float(r["t_s"])) for r in rows] and None,
+        "is no time in s: ms or ns?",
+    ),
+    ("an id of digits", named("12"), "name the event's objects, as in --object 'ot1=12'"),
+    ("an id of two words", named("Car 7"), "is no id of a recording's object: a-z"),
+    (
+        "many objects",
+        lambda rows: rows.extend(
+            [{**r, "id": f"ot{k}"} for k in range(2, 72) for r in rows if r["id"] == "ot1"]
+        ),
+        "holds 71 objects beside the VUT, more than 64",
+    ),
     ("milliseconds", scaled("t_s", 1000.0), "has 1 rows within the clip, from 0.000"),
     (
         "another run's time",
@@ -207,6 +229,21 @@ def test_a_table_that_contradicts_itself_or_the_video_is_refused(
     message = refused("import-video", video, "--states", table, "--out", tmp_path / "rec")
     assert "states.csv:" in message
     assert match in message
+
+
+def test_many_columns_that_are_not_read_are_counted(
+    video: Path, table: Path, tmp_path: Path
+) -> None:
+    def widen(rows: list[dict[str, Any]]) -> None:
+        for row in rows:
+            row.update({f"a_further_column_{k}": k for k in range(40)})
+
+    assert run(video, changed(table, widen), tmp_path / "rec") == 0
+    _, provenance = imported(tmp_path / "rec")
+    assert provenance.imported is not None
+    assert provenance.imported.states is not None
+    note = provenance.imported.states.notes[0]
+    assert note.startswith("columns that are not read: 40, such as a_further_column_0, ")
 
 
 def test_headings_are_judged_as_they_are_stated(video: Path, table: Path, tmp_path: Path) -> None:
