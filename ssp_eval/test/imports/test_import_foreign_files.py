@@ -172,6 +172,56 @@ def test_a_bag_of_sqlite_is_read_whatever_types_stand_beside(
     assert recorded(tmp_path / "out") == recorded(tmp_path / "same")
 
 
+def change_rows(bag: Path, *changes: str) -> None:
+    """Change the rows of a bag whose tables allow any value, as those of other writers do."""
+    (file,) = bag.glob("*.db3")
+    with closing(sqlite3.connect(file)) as store, store:
+        for table in ("topics", "messages", "message_definitions"):
+            store.execute(f"ALTER TABLE {table} RENAME TO strict_{table}")
+            store.execute(f"CREATE TABLE {table} AS SELECT * FROM strict_{table}")
+        for change in changes:
+            store.execute(change)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ("UPDATE messages SET data = NULL", "messages whose time or data is none"),
+        ("UPDATE messages SET data = 'text'", "messages whose time or data is none"),
+        ("UPDATE messages SET timestamp = -5 WHERE id = 1", "holds 1 messages whose time or data"),
+        ("UPDATE messages SET timestamp = 'late' WHERE id = 1", "holds 1 messages whose time"),
+        ("UPDATE messages SET timestamp = 1.5 WHERE id = 1", "holds 1 messages whose time or data"),
+        ("UPDATE topics SET name = x'2f61' WHERE id = 1", "topics, id 1: holds what isn't text"),
+        ("UPDATE topics SET type = x'2f61'", "holds what isn't text"),
+        (
+            "UPDATE message_definitions SET encoded_message_definition = x'2f61'",
+            "has a definition that isn't text",
+        ),
+    ],
+)
+def test_values_of_other_types_in_a_bag_of_sqlite_are_refused(
+    change: str, text: str, day: TrackDay, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    source = write_bag(tmp_path / "day", day.messages(), sqlite=True)
+    change_rows(source, change)
+    given = ("import-bag", source, *OBJECTS, "--domain", "physical", "--out", tmp_path / "out")
+    assert text in refused(*given)
+
+
+def test_nothing_for_profiles_and_definitions_in_a_bag_of_sqlite_is_read(
+    day: TrackDay, tmp_path: Path
+) -> None:
+    source = write_bag(tmp_path / "day", day.messages(), sqlite=True)
+    assert run(source, tmp_path / "same") == 0
+    change_rows(
+        source,
+        "UPDATE topics SET offered_qos_profiles = NULL",
+        "UPDATE message_definitions SET encoded_message_definition = NULL",
+    )
+    assert run(source, tmp_path / "out") == 0
+    assert recorded(tmp_path / "out") == recorded(tmp_path / "same")
+
+
 def test_a_bag_of_sqlite_that_nobody_closed_is_read_and_that_is_said(
     day: TrackDay, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -88,6 +88,7 @@ class SqliteBag(BagReader):
         self._parts = []
         self._definitions: dict[str, TypeDefinition] = {}
         self._ambiguous: dict[str, InputError] = {}
+        self._invalid: dict[str, int] = {}  # messages without a time or data, by topic
         self._stores: list[sqlite3.Connection] = []
         self._span: list[int] = []
         for file in files:
@@ -98,7 +99,7 @@ class SqliteBag(BagReader):
                 is_whole = not file.with_name(f"{file.name}-wal").exists()
                 where = f"file:{quote(str(file))}?mode=ro" + "&immutable=1" * is_whole
                 self._stores.append(sqlite3.connect(where, uri=True))
-                self._read(self._stores[-1])
+                self._read(self._stores[-1], file)
 
     @contextmanager
     def _failures(self, file: Path) -> Iterator[None]:
@@ -111,7 +112,7 @@ class SqliteBag(BagReader):
                 remedy="give a whole copy of the bag",
             ) from error
 
-    def _read(self, store: sqlite3.Connection) -> None:
+    def _read(self, store: sqlite3.Connection, file: Path) -> None:
         """Take the topics of a file."""
         columns = {row[1] for row in store.execute("PRAGMA table_info(topics)")}
         tables = {row[0] for row in store.execute("SELECT name FROM sqlite_master")}
@@ -120,21 +121,48 @@ class SqliteBag(BagReader):
             definition_rows = {
                 row[0]: row
                 for row in store.execute(
-                    "SELECT topic_type, encoding, encoded_message_definition "
-                    "FROM message_definitions"
+                    "SELECT topic_type, COALESCE(encoding, ''), "
+                    "COALESCE(encoded_message_definition, '') FROM message_definitions"
                 )
             }
         # Which rosbag2 added one after the other.
         column_names = ("serialization_format", "offered_qos_profiles", "type_description_hash")
-        expressions = ", ".join(name if name in columns else "''" for name in column_names)
-        counts = dict(store.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
+        expressions = ", ".join(
+            f"COALESCE({name}, '')" if name in columns else "''" for name in column_names
+        )
+        counts = {
+            number: (count, invalid)
+            for number, count, invalid in store.execute(
+                "SELECT topic_id, COUNT(*), SUM(typeof(timestamp) != 'integer' OR timestamp < 0 "
+                "OR typeof(data) != 'blob') FROM messages GROUP BY topic_id"
+            )
+        }
         for number, name, kind, form, profiles, hashed in store.execute(
             f"SELECT id, name, type, {expressions} FROM topics"
         ):
+            values = (name, kind, form, profiles, hashed)
+            if not all(isinstance(value, str) for value in values):
+                raise InputError(
+                    "holds what isn't text",
+                    file=file,
+                    field=f"topics, id {number}",
+                    value=values,
+                    remedy="convert the bag to mcap with `ros2 bag convert`",
+                )
             before = self.topics.get(name)
-            count = counts.get(number, 0) + (before.count if before else 0)
+            count, invalid = counts.get(number, (0, 0))
+            count += before.count if before else 0
             self.topics[name] = TopicInfo(kind, count, profiles, hashed)
+            self._invalid[name] = self._invalid.get(name, 0) + invalid
             _, encoding, text = definition_rows.get(kind, (kind, "", ""))
+            if not (isinstance(encoding, str) and isinstance(text, str)):
+                self._ambiguous[name] = InputError(
+                    "has a definition that isn't text",
+                    file=file,
+                    field=kind,
+                    remedy="leave the topic out, or record the bag again",
+                )
+                encoding = text = ""
             type_definition = TypeDefinition(
                 kind, encoding or MSG_ENCODING, text, hashed, form or CDR
             )
@@ -142,7 +170,8 @@ class SqliteBag(BagReader):
                 type_definition if text.strip() else _known_definition(type_definition)
             )
         first, last = store.execute(
-            "SELECT MIN(timestamp), MAX(timestamp) FROM messages"
+            "SELECT MIN(timestamp), MAX(timestamp) FROM messages "
+            "WHERE typeof(timestamp) = 'integer'"
         ).fetchone()
         if first is not None:
             self._span += [first, last]
@@ -176,6 +205,14 @@ class SqliteBag(BagReader):
         start_ns: int | None,
         stop_ns: int | None,
     ) -> Iterator[BagMessage]:
+        for name, invalid in self._invalid.items():
+            if invalid and (topics is None or name in topics):
+                raise InputError(
+                    f"holds {invalid} messages whose time or data is none",
+                    file=self.path,
+                    field=name,
+                    remedy="leave the topic out, or record the bag again",
+                )
         with self._failures(self.path):
             topic_names = dict(store.execute("SELECT id, name FROM topics"))
             numbers = [
