@@ -6,7 +6,7 @@ Reads no bag: messages are gathered before the frames, since no reading goes on 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -35,7 +35,7 @@ _NORM_SAID = 1e-4
 # Places that lie no further apart say the same.
 _SAME_M = 0.01
 _SAME_RAD = math.radians(0.5)
-# More ways than these through a tree of transforms aren't looked at.
+# More different ways than these through a tree of transforms are refused.
 _MOST_CHAINS = 64
 _FIX = "name the CameraInfo of this camera as it records, or leave --camera-info out"
 _MOUNT = "--mount says the camera's place"
@@ -143,12 +143,24 @@ class CameraSource:
         vut_frame = self.vut_frame
         if not self.static:
             return None, ["camera: its place on the VUT isn't known (--mount says it)"]
-        chains = list(islice(self._chains(optical_frame, ()), _MOST_CHAINS))
+        chains = list(islice(self._chains(optical_frame, (), self._leading()), _MOST_CHAINS + 1))
         if not chains:
             return None, [
                 f"camera: {TF_STATIC} doesn't lead from {optical_frame or '(no frame)'} to "
                 f"{vut_frame or '(no frame)'}; its place isn't known (--mount says it)"
             ]
+        if len(chains) > _MOST_CHAINS:
+            findings.add(
+                Finding(
+                    "camera_places",
+                    f"leads from {optical_frame} to {vut_frame} by more than {_MOST_CHAINS} ways",
+                    _MOUNT,
+                    self.file,
+                    TF_STATIC,
+                    acceptable=False,
+                )
+            )
+            return None, []
         steps = {id(step): step for chain in chains for step in chain}.values()
         broken = [one for step in steps if (one := self._broken(step)) is not None]
         for finding in broken:
@@ -178,15 +190,44 @@ class CameraSource:
             f"camera: its place is that of {TF_STATIC}, heights from {vut_frame}",
         ]
 
-    def _chains(self, frame: str, before: tuple[Any, ...]) -> Iterator[tuple[Any, ...]]:
+    def _leading(self) -> dict[str, list[Any]]:
+        """Return by child frame the transforms that lead to the VUT's, of equal ones the last."""
+        steps: dict[tuple[object, ...], Any] = {}
+        for step in self.static:
+            key = (
+                step.header.frame_id,
+                step.child_frame_id,
+                repr((_place(step), _quaternion(step))),
+            )
+            steps.pop(key, None)
+            steps[key] = step
+        frames = {self.vut_frame}
+        while (
+            more := {
+                str(step.child_frame_id)
+                for step in steps.values()
+                if str(step.header.frame_id) in frames
+            }
+            - frames
+        ):
+            frames |= more
+        leading: dict[str, list[Any]] = {}
+        for step in steps.values():
+            if str(step.header.frame_id) in frames:
+                leading.setdefault(str(step.child_frame_id), []).append(step)
+        return leading
+
+    def _chains(
+        self, frame: str, before: tuple[Any, ...], leading: Mapping[str, Sequence[Any]]
+    ) -> Iterator[tuple[Any, ...]]:
         """Yield the transforms from a frame up to the VUT's, on each way that there is."""
         if frame == self.vut_frame:
             yield before
             return
-        child_frames = {str(step.child_frame_id) for step in before}
-        for step in self.static:
-            if str(step.child_frame_id) == frame and frame not in child_frames:
-                yield from self._chains(str(step.header.frame_id), (*before, step))
+        if frame in {str(step.child_frame_id) for step in before}:
+            return
+        for step in leading.get(frame, ()):
+            yield from self._chains(str(step.header.frame_id), (*before, step), leading)
 
     def _broken(self, step: Any) -> Finding | None:
         """Name a transform that is none."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -165,6 +166,9 @@ def turned(degrees: float) -> tuple[float, ...]:
             ],
             r"0\.500 m",
         ),
+        # Said again and again, then otherwise.
+        ([HERE] * 64 + [placed((1.5, 0, 1.8))] * 36, r"0\.400 m"),
+        ([placed((1.5, 0, 1.4 + k / 1e6)) for k in range(65)], "by more than 64 ways"),
     ],
 )
 def test_a_place_that_cannot_be_is_refused_and_a_declared_one_settles_it(
@@ -206,6 +210,20 @@ def test_a_place_that_is_said_once_or_twice_is_taken(static: Sequence[Any]) -> N
         (1.5, 1.4), abs=0.01
     )
     assert not any("normalised" in note for note in notes)
+
+
+def test_transforms_that_lead_elsewhere_are_not_combined() -> None:
+    """Of a tree that doesn't end at the VUT, 300 to the fourth power ways aren't gone."""
+    names = ("camera_optical", "a", "b", "c", "elsewhere")
+    static = [
+        placed((k, 0, 0), child=child, parent=parent)
+        for child, parent in pairwise(names)
+        for k in range(300)
+    ]
+    found, notes = facts(info(), static)
+    assert found.mounting is None
+    assert "doesn't lead from camera_optical to base_link" in notes[0]
+    assert facts(info(), [*static, HERE])[0].mounting is not None
 
 
 def test_a_rotation_that_is_nearly_one_is_normalised_and_said() -> None:
