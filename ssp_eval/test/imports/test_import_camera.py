@@ -213,7 +213,7 @@ def test_a_place_that_is_said_once_or_twice_is_taken(static: Sequence[Any]) -> N
 
 
 def test_transforms_that_lead_elsewhere_are_not_combined() -> None:
-    """Of a tree that doesn't end at the VUT, 300 to the fourth power ways aren't gone."""
+    """A tree that doesn't end at the VUT has 300 to the fourth power ways, which aren't gone."""
     names = ("camera_optical", "a", "b", "c", "elsewhere")
     static = [
         placed((k, 0, 0), child=child, parent=parent)
