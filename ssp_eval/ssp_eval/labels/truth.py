@@ -23,7 +23,8 @@ from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.values import Strict
 from ssp_core.video import Video
-from ssp_core.vocabulary import ObjectClass, ObjectWord, Role
+from ssp_core.vocabulary import DOMAINS, ObjectClass, ObjectWord, Role
+from ssp_eval.data.labels import Name, one_of
 from ssp_eval.data.provenance import Provenance, read_provenance
 from ssp_eval.recordings.event import NO_RULES, EventRules, rules_of
 from ssp_eval.recordings.states import NO_STATES, RecordedStates, attached, frame_times, read_states
@@ -223,13 +224,18 @@ class _TruthFields(Strict):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
-class TruthSize(Strict):
-    """Extent from the reference point, m."""
+# Of a body, either way from its reference point; no road user is longer.
+_Reach = Annotated[float, Field(ge=0.0, le=50.0)]
+_Extent = Annotated[float, Field(gt=0.0, le=50.0)]
 
-    front_m: float
-    rear_m: float
-    width_m: float
-    height_m: float
+
+class TruthSize(Strict):
+    """Extent from the reference point, m, which lies within the body."""
+
+    front_m: _Reach
+    rear_m: _Reach
+    width_m: _Extent
+    height_m: _Extent
 
 
 class TruthObject(_TruthFields):
@@ -274,8 +280,8 @@ class TruthFile(_TruthFields):
     """``ssp.truth/1``: what the maker of a clip knows about it."""
 
     schema_: Literal["ssp.truth/1"] = Field(alias="schema")
-    scenario: str
-    domain: str = "synthetic"
+    scenario: Name
+    domain: Annotated[str, one_of(DOMAINS)] = "synthetic"
     event_version: str | None = None
     camera: TruthCamera = TruthCamera()
     frames: Annotated[list[TruthFrame], Field(min_length=1)]
@@ -297,7 +303,8 @@ def truth_from_file(
             taken, unless another version is named.
 
     Raises:
-        InputError: it is not valid, or the frames' times don't rise.
+        InputError: it is not valid, the frames' times don't rise, or an object isn't the same one
+            in all frames.
     """
     # Such a file is large, and always JSON: the YAML reader would take seconds.
     try:
@@ -316,6 +323,7 @@ def truth_from_file(
                 value=after.t_s,
                 remedy="sort the frames by time, each once",
             )
+    _check_objects(truth_file, path)
     series = [(f.t_s, [one.state(f.t_s) for one in f.objects]) for f in truth_file.frames]
     first = series[0][1]
     targets = tuple(state.object_id for state in first if state.role is Role.OT)
@@ -336,6 +344,34 @@ def truth_from_file(
         rules=_rules(k_star, None, truth_file.scenario, version),
         frames_s=tuple(t_s for t_s, _ in series),
     )
+
+
+def _check_objects(truth_file: TruthFile, path: str | Path) -> None:
+    """Refuse an object twice in a frame, one with two roles, and a second VUT."""
+    roles: dict[str, str] = {}
+    vut_id: str | None = None
+    for i, frame in enumerate(truth_file.frames):
+        ids: set[str] = set()
+        for one in frame.objects:
+            problem = None
+            role = roles.setdefault(one.object_id, one.role)
+            if one.object_id in ids:
+                problem, remedy = "holds an object twice", "give each object one state per frame"
+            elif one.role != role:
+                problem = f"holds an object as {one.role} that was {role}"
+                remedy = "give an object one role in all frames"
+            elif one.role == "vut" and one.object_id != (vut_id := vut_id or one.object_id):
+                problem = f"holds a second VUT beside {vut_id}"
+                remedy = "give one object the role vut"
+            if problem:
+                raise InputError(
+                    problem,
+                    file=path,
+                    field=f"frames[{i}].objects",
+                    value=one.object_id,
+                    remedy=remedy,
+                )
+            ids.add(one.object_id)
 
 
 def truth_from_bag(path: str | Path) -> Truth:

@@ -9,6 +9,7 @@ import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -27,7 +28,7 @@ from ssp_eval.labels.check import response_problems
 from ssp_eval.labels.cli import labels as labels_command
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.review import is_unreviewed, sidecar, write_proposal
-from ssp_eval.labels.truth import Truth
+from ssp_eval.labels.truth import Truth, truth_from_file
 from ssp_eval.recordings.event import TurnWord
 from ssp_eval.recordings.geometry import motion_word, position_word
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
@@ -395,6 +396,50 @@ def test_the_review_that_a_check_asks_for_can_be_pasted(
     assert printed == ["ssp", "spec", "review", str(out), "--who", "NAME"]
     monkeypatch.setattr("sys.stdin", io.StringIO("q\n"))
     assert main(printed[1:]) == 1  # all is left
+
+
+def _sized(**size: float) -> Callable[[Any], object]:
+    return lambda value: value["frames"][1]["objects"][1]["size"].update(size)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (_sized(front_m=-3.8), "frames[1].objects[1].size.front_m: "),
+        (_sized(rear_m=51.0), "frames[1].objects[1].size.rear_m: "),
+        (_sized(width_m=0.0), "frames[1].objects[1].size.width_m: "),
+        (_sized(height_m=-1.0), "frames[1].objects[1].size.height_m: "),
+        (lambda v: v.update(domain="sim"), "domain: is outside the vocabulary"),
+        (lambda v: v.update(scenario=" "), "scenario: "),
+        (
+            lambda v: v["frames"][1]["objects"].append(v["frames"][0]["objects"][1]),
+            "frames[1].objects: holds an object twice (got 'vut'); give each",
+        ),
+        (
+            lambda v: v["frames"][2]["objects"][0].update(role="vut"),
+            "frames[2].objects: holds an object as vut that was ot (got 'ot1'); give an",
+        ),
+        (
+            lambda v: v["frames"][1]["objects"].append(
+                v["frames"][0]["objects"][1] | {"object_id": "vut2"}
+            ),
+            "frames[1].objects: holds a second VUT beside vut (got 'vut2'); give one",
+        ),
+    ],
+)
+def test_a_truth_file_that_no_clip_has_is_refused(
+    change: Callable[[Any], object], told: str, tmp_path: Path
+) -> None:
+    source, sound = tmp_path / "clip.truth.json", tmp_path / "sound.truth.json"
+    value = truth_file(cut_in())
+    sound.write_text(json.dumps(value))
+    assert truth_from_file(sound).vut_id == "vut"
+    value = json.loads(sound.read_text())
+    change(value)
+    source.write_text(json.dumps(value))
+    with pytest.raises(InputError) as caught:
+        truth_from_file(source)
+    assert f"{source}: {told}" in str(caught.value)
 
 
 @pytest.mark.parametrize(
