@@ -8,7 +8,7 @@ from array import array
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -20,7 +20,7 @@ from rosbags.typesys.store import Typestore
 
 from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY, unlisted_files
 from ssp_core.bag.reading.mcap_file import DAMAGE
-from ssp_core.bag.reading.reader import BagReader, mcap_files
+from ssp_core.bag.reading.reader import BagReader, files_sha256, mcap_files
 from ssp_core.bag.reading.sqlite import SUFFIX, open_bag
 from ssp_core.bag.seals.seal import Seal, check_unaltered, read_seal
 from ssp_core.bag.types import TypeDefinition, store_from
@@ -31,7 +31,6 @@ from ssp_core.errors import InputError
 from ssp_core.files.reading import read_mapping
 from ssp_core.geodesy import Datum, Place
 from ssp_core.geometry import yaw_of
-from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.importers.clocks import Clock, Times
 from ssp_eval.importers.findings import Findings
 from ssp_eval.importers.tracks import Samples, Source
@@ -57,6 +56,7 @@ class _Storage(Protocol):
     """Reading interface of a bag in any storage; several readings may go on side by side."""
 
     types: dict[str, str]
+    files: tuple[Path, ...]
 
     def raw(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """Yield topic, time of receipt in ns and serialised message, in the order of receipt."""
@@ -79,6 +79,7 @@ class _Plain:
         reader = BagReader(path, mcap_files(path)) if is_open else open_bag(path)
         self._reader = stack.enter_context(reader)
         self.types = {topic: info.msgtype for topic, info in self._reader.topics.items()}
+        self.files = self._reader.stored
 
     def raw(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         for message in self._reader.messages(list(topics)):
@@ -101,6 +102,8 @@ class _Compressed:
         self._path = path
         self._reader = stack.enter_context(Reader(path))
         self.types = {c.topic: c.msgtype for c in self._reader.connections}
+        names = read_mapping(path / FILE_NAME)[ROOT_KEY]["relative_file_paths"]
+        self.files = tuple(path / PurePosixPath(name).name for name in names)
 
     def raw(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         connections = [c for c in self._reader.connections if c.topic in topics]
@@ -292,12 +295,8 @@ class SourceBag(Closing):
         return Times(topic, *_columns(pairs, 2, np.int64))
 
     def sha256(self) -> str:
-        """Hash of the bag's file; of several, that of the list of their hashes."""
-        files = [self.path]
-        if self.path.is_dir():
-            files = sorted(p for p in self.path.iterdir() if p.suffix in (".mcap", ".db3", ".zstd"))
-        hashes = [sha256_file(file) for file in files]
-        return hashes[0] if len(hashes) == 1 else sha256_json(hashes)
+        """Hash of the file that is read; of several, that of the list of their hashes."""
+        return files_sha256(self._storage.files)
 
     def seal(self) -> Seal:
         """Hold the bag's seal against its content.

@@ -277,6 +277,9 @@ class Links:
         if recording.video is not None:
             sha256 = recording.video.source.get("sha256")
             video = self._contents.with_hash(str(sha256), path)
+            source = self._index.recordings.get(str(sha256))
+            if video is None and source is not None:
+                video = source.entry  # a bag of several files
             at = f"{IMPORT_ATTACHMENT}:source.sha256"
             self._add("source_video", path, at, video, sha256, "source video")
             at = f"{IMPORT_ATTACHMENT}:event_version"

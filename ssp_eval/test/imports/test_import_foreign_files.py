@@ -22,10 +22,17 @@ from foreign_recordings import (
 )
 from mcap.writer import Writer
 
-from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.reading.reader import BagReader, content_sha256
 from ssp_core.bag.types import BagMessage
+from ssp_core.bag.writing.split import Split
+from ssp_core.bag.writing.writer import BagWriter
+from ssp_core.cdr.images import COMPRESSED_TYPE
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.cli import main
+from ssp_core.hashing import sha256_file
+from ssp_core.world.camera_messages import encode_frame
+from ssp_eval.importers.ros_bag import SourceBag
 
 OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")
 CAMERA = ("--camera-info", "/info")
@@ -236,6 +243,34 @@ def test_a_bag_of_sqlite_that_nobody_closed_is_read_and_that_is_said(
     )
     assert recorded(tmp_path / "out") == recorded(tmp_path / "same")
     assert main(["bag", "cut", str(source), "--start", "1", "-o", str(tmp_path / "cut")]) == 0
+
+
+def test_the_hash_of_a_split_bag_is_that_of_the_files_that_are_read(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "day", name="day", split=Split(max_bytes=65536)) as writer:
+        writer.add_topic("/cam", COMPRESSED_TYPE, offered_qos(1))
+        for k in range(24):
+            data = encode_frame(k, bytes([k]) * 40_000)
+            writer.write("/cam", data, k, k, k + 1)
+    assert len(list((tmp_path / "day").glob("*.mcap"))) > 11
+    with BagReader(tmp_path / "day") as reader:
+        digest = content_sha256(reader)
+    (tmp_path / "day" / "stray.mcap").write_bytes(b"")
+    with SourceBag(tmp_path / "day") as source:
+        assert source.sha256() == digest
+
+
+def test_the_hash_of_a_bag_of_sqlite_is_also_that_of_its_log(day: TrackDay, tmp_path: Path) -> None:
+    source = write_bag(tmp_path / "day", day.messages(), sqlite=True)
+    (file,) = source.glob("*.db3")
+    with SourceBag(source) as bag:
+        assert bag.sha256() == sha256_file(file)
+    with closing(sqlite3.connect(file)) as store:
+        store.execute("PRAGMA journal_mode=WAL")
+        digest = sha256_file(file)
+        store.execute("DELETE FROM messages WHERE id = 1")
+        store.commit()
+        with SourceBag(source) as bag:
+            assert bag.sha256() != digest == sha256_file(file)
 
 
 def test_a_topic_that_is_missing_may_stand_in_a_file_that_was_left_out(

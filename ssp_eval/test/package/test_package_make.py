@@ -8,7 +8,8 @@ import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -20,6 +21,8 @@ from ssp_eval.evaluate.clients.model_client import InProcessClients, ModelClient
 from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers, Loss, ModelReply
 from ssp_eval.evaluate.clients.models import ModelSpec, bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
+from ssp_eval.package.contents import Index, Recording
+from ssp_eval.package.links import Links
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import content_id, load_table, object_path
 from ssp_eval.package.verify import verify_package, work_out
@@ -382,3 +385,16 @@ def test_the_list_that_chose_an_event_is_kept_and_linked(own: Path, tmp_path: Pa
     listed.unlink()
     with pytest.raises(InputError, match="names a list that is not in the package"):
         make_package([own], tmp_path / "other")
+
+
+def test_the_source_of_an_import_may_be_a_bag_of_several_files() -> None:
+    digest = f"sha256:{'1' * 64}"
+    contents = SimpleNamespace(with_hash=lambda *_: None)
+    bags = {digest: SimpleNamespace(entry=SimpleNamespace(path="demo/theirs"))}
+    index = SimpleNamespace(contents=contents, recordings=bags, events={}, sites={}, tasks={})
+    links = Links(cast(Index, index))
+    video = SimpleNamespace(source={"sha256": digest}, event_version=None)
+    entry = SimpleNamespace(path="demo/import")
+    links._recording(cast(Recording, SimpleNamespace(entry=entry, video=video, run=None)))
+    (link,) = links.links
+    assert (link.kind, link.source, link.target) == ("source_video", "demo/import", "demo/theirs")

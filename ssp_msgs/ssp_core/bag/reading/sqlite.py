@@ -84,7 +84,9 @@ class SqliteBag(BagReader):
         self.path = path
         self.topics: dict[str, TopicInfo] = {}
         self.files = ()
-        self.stored = files
+        # Messages that SQLite hasn't moved into its file stand in the log beside it.
+        logs = [file.with_name(f"{file.name}-wal") for file in files]
+        self.stored = (*files, *(log for log in logs if log.is_file() and log.stat().st_size))
         self._parts = []
         self._definitions: dict[str, TypeDefinition] = {}
         self._ambiguous: dict[str, InputError] = {}
