@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import select
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
-from unittest.mock import MagicMock
 
 import pytest
 from lifecycle_msgs.msg import Transition
@@ -24,11 +22,8 @@ from ssp_core.motion.reference import Reference
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
-from ssp_ot_controller.bodies.iso22133.messages import CentreStatus, Heab
 from ssp_ot_controller.objects.pool import TICK_SILENCE_S
-from ssp_ot_controller.ros.object_target import ObjectProcess
 from tests.support.bags.rclpy_messages import reference_to_msg, state_to_msg
-from tests.support.iso22133.messages import ObjectSockets, message_of
 from tests.support.processes.children import end
 from tests.support.processes.patience import PATIENT_S, SILENCE_S, patient
 from tests.support.processes.waiting import DEADLINE_S, answer_of, pause, until
@@ -412,35 +407,6 @@ def test_live_an_object_of_hardware_drives_and_stops_by_itself(
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     finally:
         end(process)
-
-
-def test_a_test_object_hears_the_abort_of_a_process_that_ends(
-    tmp_path: Path, run_mapping: Callable[..., dict[str, Any]]
-) -> None:
-    """No timer runs any more."""
-    run_file, node = tmp_path / "run.yaml", MagicMock()
-    datum = {"latitude_deg": 57.0, "longitude_deg": 12.0}
-    run_file.write_text(json.dumps(run_mapping(mode="live", datum=datum)))
-    node.get_name.return_value = names.OBJECT_TARGET
-    with ObjectSockets() as sockets:
-        bodies = f"ot1=iso22133://{sockets.host}:{sockets.port}?waive=Ada"
-        process = ObjectProcess(
-            node, {"run_file": str(run_file), "object_ids": "", "bodies": bodies}
-        )
-
-        def attempts() -> bool:
-            for timer in node.create_timer.call_args_list:
-                timer.args[1]()
-            return bool(select.select([sockets.tcp], [], [], 0.0)[0])
-
-        until(attempts, "an attempt to connect")
-        process.pool.target_of("ot1").state = ControlState.RUNNING
-        process.halt()
-        heabs = []
-        while select.select([sockets.udp], [], [], 0.0)[0]:
-            heabs.append(message_of(sockets.udp.recv(4096)))
-        process.close()
-    assert CentreStatus.ABORT in [heab.status for heab in heabs if isinstance(heab, Heab)]
 
 
 def test_lifecycle(peers: Peers) -> None:

@@ -108,7 +108,7 @@ def test_traffic_on_the_left_is_told(block_of: Any) -> None:
     ("lanes", "words"),
     [
         (((0.0, False),), "no lane along it"),
-        (((0.0, True), (3.5, False), (7.0, True)), "between each other"),
+        (((0.0, True), (3.5, False), (7.0, True)), "mixes the lanes of both directions"),
         (((0.0, True), (3.0, True)), "overlap"),
     ],
 )

@@ -24,15 +24,24 @@ pytestmark = pytest.mark.ros
 LIVE = {"mode": "live", "disturbance": {}, "disturbances": {}, "faults": [], "traffic": []}
 
 
-def send(peers: Any, run_file: Path, token: str, **more: Any) -> Any:
-    """A goal's result."""
+def begin(peers: Any, run_file: Path, token: str, **more: Any) -> Any:
+    """A goal that was accepted."""
     peers.spin_until(peers.action.server_is_ready, "the action server")
     goal = RunScenario.Goal(run_file=str(run_file), session_token=token, **more)
     asked = peers.action.send_goal_async(goal)
     peers.spin_until(asked.done, "the goal's answer")
-    result = asked.result().get_result_async()
+    return asked.result()
+
+
+def result_of(peers: Any, goal: Any) -> Any:
+    result = goal.get_result_async()
     peers.spin_until(result.done, "the goal's result")
     return result.result().result
+
+
+def send(peers: Any, run_file: Path, token: str, **more: Any) -> Any:
+    """A goal's result."""
+    return result_of(peers, begin(peers, run_file, token, **more))
 
 
 def send_command(peers: Any, name: str, **given: Any) -> Any:
@@ -106,33 +115,20 @@ def test_a_simulated_manager_takes_no_live_run(
     prints_its_token(manager, peers)
 
 
-def test_no_other_run_is_loaded_while_a_goal_is_under_way(
-    peers: Any, live: Path, run_mapping: dict[str, Any], tmp_path: Path
+def test_during_a_goal_an_abort_counts_from_anybody_and_no_run_is_loaded(
+    peers: Any, live: Path
 ) -> None:
     """A person's word for one run armed and started another."""
     peers.obeys = False
-    goal = RunScenario.Goal(
-        run_file=str(live),
-        session_token="live-1",
-        not_after=stamp_from_ns(time.time_ns() + 60_000_000_000),
-    )
-    peers.spin_until(peers.action.server_is_ready, "the action server")
-    asked = peers.action.send_goal_async(goal)
-    peers.spin_until(asked.done, "the goal's answer")
-    answer = peers.ask(
-        peers.loading, LoadScenario.Request(run_file=str(live), session_token="live-1")
-    )
+    goal = begin(peers, live, "live-1", not_after=stamp_from_ns(time.time_ns() + 60_000_000_000))
+    load = LoadScenario.Request(run_file=str(live), session_token="live-1")
+    answer = peers.ask(peers.loading, load)
     assert (answer.accepted, answer.error_code) == (False, REFUSED_TRANSITION)
     assert "a run_scenario goal is under way" in answer.error_msg
-    assert send_command(peers, "abort").accepted
-    result = asked.result().get_result_async()
-    peers.spin_until(result.done, "the goal's result")
-
-
-def test_an_abort_counts_from_anybody(peers: Any, live: Path) -> None:
     given = {"session_token": "sim-2", "shown_state": 3, "shown_since": stamp_from_ns(7)}
     assert send_command(peers, "abort", **given).accepted
     peers.wait_for(SessionPhase.ABORTED)
+    assert result_of(peers, goal).error_code
 
 
 def test_a_press_counts_for_the_state_that_was_shown(peers: Any, live: Path) -> None:
