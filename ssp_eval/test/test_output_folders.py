@@ -13,7 +13,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files.folders import make_folder
 from ssp_eval.importers import target
-from ssp_eval.statistics.rows import COLUMNS
+from ssp_eval.statistics.csv_rows import COLUMNS
 from tests.support.bags.full_disk import largest_file
 
 

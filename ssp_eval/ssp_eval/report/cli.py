@@ -22,15 +22,12 @@ from ssp_eval.figures.write import GROUPS, FiguresOutcome, write_figures
 from ssp_eval.report.making import MOST_ANALYSED, Making, runs_of, statistics_of
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED
-from ssp_eval.statistics.constants import (
-    OfScenario,
-    constant_rows,
-    constant_table,
-)
+from ssp_eval.statistics.constants import OfScenario, constant_rows, constant_table
+from ssp_eval.statistics.csv_rows import rows_from_csv
 from ssp_eval.statistics.label_table import label_table
 from ssp_eval.statistics.notices import everywhere, notice_table, notices
 from ssp_eval.statistics.responses import named_audits, response_table
-from ssp_eval.statistics.rows import CellRow, rows_from_csv, scale
+from ssp_eval.statistics.rows import CellRow, scale
 from ssp_eval.statistics.statistics import Options, steps_of
 from ssp_eval.statistics.statistics_tables import (
     failures_by_cell,

@@ -19,7 +19,7 @@ from ssp_eval.figures import write
 from ssp_eval.figures.write import DPI, write_figures
 from ssp_eval.report.cli import report
 from ssp_eval.score.cli import DISCLAIMER
-from ssp_eval.statistics.rows import COLUMNS
+from ssp_eval.statistics.csv_rows import COLUMNS
 from tests.support.score_rows import rows_of
 
 HEAD = ",".join(COLUMNS)

@@ -18,7 +18,8 @@ from ssp_eval.evaluate.clients.model_client import InProcessClients
 from ssp_eval.evaluate.clients.models import BEST_CONSTANT, bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.results import load_cells
-from ssp_eval.statistics.rows import rows_from_campaign, rows_from_csv
+from ssp_eval.statistics.csv_rows import rows_from_csv
+from ssp_eval.statistics.rows import rows_from_campaign
 from ssp_eval.statistics.statistics import Options, compute, steps_of
 
 HEAD = "scenario,domain,model,jovr,sem_acc_eff,cia_eff,act_acc_eff,tqsr,atc_eff,risk,active_b"

@@ -16,7 +16,7 @@ from ssp_core.errors import InputError
 from ssp_eval.report.render import MOST_ROWS, statistics_parts
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.metrics import METRIC_NAMES, CellMetrics
-from ssp_eval.statistics.rows import rows_from_csv
+from ssp_eval.statistics.csv_rows import rows_from_csv
 from ssp_eval.statistics.table import (
     FORMATS,
     Column,

@@ -161,3 +161,9 @@ def _parsed(text: str) -> Any:
         return parse_strict(text)
     except ValueError:
         return None
+
+
+def looks_like_html(body: bytes) -> bool:
+    """Tell whether a page came where JSON was expected."""
+    start = body[:1024].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
+    return start.startswith((b"<!doctype", b"<html", b"<?xml", b"<head", b"<body", b"<!--"))

@@ -14,16 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.chat.client import (
-    BrokenOff,
-    Completion,
-    NoCompletion,
-    Policy,
-    Trouble,
-    looks_like_html,
-    pause_s,
-    read_completion,
-)
+from ssp_core.chat.client import Policy, Trouble, pause_s
+from ssp_core.chat.completion import BrokenOff, Completion, NoCompletion, read_completion
+from ssp_core.chat.errors import looks_like_html
 from ssp_core.credentials import check_key, gives_away, redact, without_userinfo
 from ssp_core.errors import InputError
 from ssp_core.files.strict_json import parse_strict

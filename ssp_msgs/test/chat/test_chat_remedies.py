@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from ssp_core.chat import transport
-from ssp_core.chat.client import NoAnswer, OpenAIChat, Policy, read_completion
+from ssp_core.chat.client import NoAnswer, OpenAIChat, Policy
+from ssp_core.chat.completion import read_completion
 
 BY_REMEDY = yaml.safe_load(Path(__file__).with_name("chat_messages.yaml").read_text())
 REMEDIES = {kind: f"remedy {kind}" for kind in BY_REMEDY if kind}

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
 from ssp_core.chat.answer_text import split_answer
-from ssp_core.chat.client import BrokenOff, NoCompletion, read_completion
+from ssp_core.chat.completion import BrokenOff, NoCompletion, read_completion
 from ssp_core.errors import PeerError
 from ssp_core.files.model_errors import field_path
 from ssp_core.files.strict_json import parse_strict

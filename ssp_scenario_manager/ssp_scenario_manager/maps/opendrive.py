@@ -43,23 +43,9 @@ from ssp_scenario_manager.maps.opendrive_road import (
 )
 from ssp_scenario_manager.maps.reference_line import Unusable, road_line
 from ssp_scenario_manager.maps.shifting import ShiftingLane, middle_line, shifting_lanes
-from ssp_scenario_manager.maps.ways import (
-    End,
-    Rules,
-    Side,
-    Way,
-    WayEnd,
-    WayLane,
-    in_known_junctions,
-    network_blocks,
-)
-from ssp_scenario_manager.maps.xml_input import (
-    BadElement,
-    Loading,
-    input_error,
-    parts,
-    untold,
-)
+from ssp_scenario_manager.maps.way_blocks import in_known_junctions, network_blocks
+from ssp_scenario_manager.maps.ways import End, Rules, Side, Way, WayEnd, WayLane
+from ssp_scenario_manager.maps.xml_input import BadElement, Loading, input_error, parts, untold
 
 ROOT = "OpenDRIVE"
 _ROAD_TYPES: dict[str, RoadType] = {

@@ -42,7 +42,7 @@ from ssp_scenario_manager.maps.block import (
 )
 from ssp_scenario_manager.maps.crossings import Crossing
 from ssp_scenario_manager.maps.legs import LANES_MEET_M, lanes_apart_m
-from ssp_scenario_manager.maps.ways import junction_areas
+from ssp_scenario_manager.maps.way_blocks import junction_areas
 
 LIBRARY = Path(__file__).resolve().parents[1] / "library"
 

@@ -19,15 +19,8 @@ from ssp_scenario_manager.maps.block import LEFT_HAND, Library, RoadType
 from ssp_scenario_manager.maps.lane_layout import NARROWEST_M
 from ssp_scenario_manager.maps.legs import LANES_MEET_M
 from ssp_scenario_manager.maps.reference_line import Unusable, smooth_line
-from ssp_scenario_manager.maps.ways import (
-    Rules,
-    Side,
-    Way,
-    WayEnd,
-    WayLane,
-    in_known_junctions,
-    network_blocks,
-)
+from ssp_scenario_manager.maps.way_blocks import in_known_junctions, network_blocks
+from ssp_scenario_manager.maps.ways import Rules, Side, Way, WayEnd, WayLane
 from ssp_scenario_manager.maps.xml_input import (
     FARTHEST_M,
     BadElement,

@@ -13,17 +13,9 @@ import cv2
 import numpy as np
 
 from ssp_core.chat.answer_text import Ending, ending, split_answer
-from ssp_core.chat.client import (
-    BrokenOff,
-    Completion,
-    NoAnswer,
-    NoCompletion,
-    OpenAIChat,
-    Policy,
-    Reply,
-    looks_like_html,
-    read_completion,
-)
+from ssp_core.chat.client import NoAnswer, OpenAIChat, Policy, Reply
+from ssp_core.chat.completion import BrokenOff, Completion, NoCompletion, read_completion
+from ssp_core.chat.errors import looks_like_html
 from ssp_core.credentials import gives_away
 from ssp_core.errors import InputError, PeerError
 from ssp_core.hashing import canonical_json, sha256_bytes, sha256_json

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.chat.answer_text import split_answer
-from ssp_core.chat.client import Chat, NoCompletion, read_completion
+from ssp_core.chat.client import Chat
+from ssp_core.chat.completion import NoCompletion, read_completion
 from ssp_core.errors import PeerError, not_read
 from ssp_core.files.folders import make_folder
 from ssp_core.files.writing import write_bytes
