@@ -79,7 +79,7 @@ def test_of_two_runs_into_one_new_folder_the_later_is_refused(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """They would destroy each other's recording. Both find it empty; which gets it: test_files."""
+    """They would destroy each other's recording. Both find it empty; one gets it."""
     folder, task = tmp_path / "run", recordings.task("cut_in")
     module = importlib.import_module("ssp_scenario_manager.cli.run")
     prepare = module.prepare_run
