@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.clock import seconds_to_ns
@@ -236,6 +236,12 @@ class TruthSize(Strict):
     rear_m: _Reach
     width_m: _Extent
     height_m: _Extent
+
+    @model_validator(mode="after")
+    def _has_length(self) -> Self:
+        if self.front_m + self.rear_m <= 0.0:
+            raise ValueError("has no length: front_m and rear_m are both 0")
+        return self
 
 
 class TruthObject(_TruthFields):

@@ -409,6 +409,7 @@ def _sized(**size: float) -> Callable[[Any], object]:
         (_sized(rear_m=51.0), "frames[1].objects[1].size.rear_m: "),
         (_sized(width_m=0.0), "frames[1].objects[1].size.width_m: "),
         (_sized(height_m=-1.0), "frames[1].objects[1].size.height_m: "),
+        (_sized(front_m=0.0, rear_m=0.0), "frames[1].objects[1].size: has no length"),
         (lambda v: v.update(domain="sim"), "domain: is outside the vocabulary"),
         (lambda v: v.update(scenario=" "), "scenario: "),
         (

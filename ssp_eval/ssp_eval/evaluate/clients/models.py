@@ -416,6 +416,15 @@ def check_model(spec: ModelSpec, file: str | None = None, field: str = "") -> No
             field=f"{field}.{'backend' if spec.backend else 'options'}",
             remedy="give them to the bridge, or leave out attached",
         )
+    total_b, active_b = spec.facts.total_b, spec.facts.active_b
+    if total_b is not None and active_b is not None and active_b > total_b:
+        raise InputError(
+            f"is more than the model has, {total_b:g} (total_b)",
+            file=file,
+            field=f"{field}.active_b",
+            value=active_b,
+            remedy="give the parameters that one token uses, in billions as total_b",
+        )
     interface = spec.options.get("interface")
     if spec.interface and interface is not None and interface != spec.interface:
         raise InputError(

@@ -130,6 +130,11 @@ def test_a_wrong_file_is_refused_with_its_place(
             "options.base_url",
             "looks like a secret",
         ),
+        (
+            {"total_b": 3.3, "active_b": 30.5},
+            "active_b",
+            "is more than the model has, 3.3 (total_b) (got 30.5); give the parameters",
+        ),
         ({"attached": True, "backend": "silent"}, "backend", "has its backend and options"),
         ({"attached": True, "options": {"a": 1}}, "options", "has its backend and options"),
         (
