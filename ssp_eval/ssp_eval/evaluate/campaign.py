@@ -17,17 +17,9 @@ from ssp_eval.data.labels import Labels, compare_by_scenario, load_labels
 from ssp_eval.data.provenance import SAFE_NAME, bag_folder, beside_bag, find_labels
 from ssp_eval.evaluate.cell import evaluate_again
 from ssp_eval.evaluate.clients.model_client import ModelClients
-from ssp_eval.evaluate.clients.models import (
-    BLIND,
-    CONDITIONS,
-    REASONING,
-    REPEAT,
-    TWIN,
-    ModelSpec,
-    with_repeats,
-    with_twin_conditions,
-)
+from ssp_eval.evaluate.clients.models import BLIND, CONDITIONS, REASONING, REPEAT, TWIN, ModelSpec
 from ssp_eval.evaluate.conditions.design import series_of
+from ssp_eval.evaluate.conditions.expansion import with_repeats, with_twin_conditions
 from ssp_eval.evaluate.conditions.twin_clips import with_twins
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.admission import NO_AUDIT, Admission, keep_audits

@@ -23,14 +23,16 @@ from ssp_eval.evaluate.clients.models import (
     attached_spec,
     bridge_spec,
     check_bridge,
-    is_chat,
     load_models,
+)
+from ssp_eval.evaluate.clients.topic_client import CONNECT_S
+from ssp_eval.evaluate.conditions.expansion import (
+    is_chat,
     with_blind,
     with_controls,
     with_pictures,
     with_reasoning,
 )
-from ssp_eval.evaluate.clients.topic_client import CONNECT_S
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.run import (

@@ -14,13 +14,8 @@ from ssp_core.errors import SspError
 from ssp_core.host.terminal import end_at_once
 from ssp_core.ros import declare, init, make_node
 from ssp_eval.evaluate.cli import driving_before
-from ssp_eval.evaluate.clients.models import (
-    as_attached,
-    attached_spec,
-    load_models,
-    with_controls,
-    with_pictures,
-)
+from ssp_eval.evaluate.clients.models import as_attached, attached_spec, load_models
+from ssp_eval.evaluate.conditions.expansion import with_controls, with_pictures
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.ros.model_node import NAME

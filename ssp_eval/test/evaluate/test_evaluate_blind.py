@@ -21,6 +21,8 @@ from ssp_eval.evaluate.clients.models import (
     attached_spec,
     condition_of,
     is_control_name,
+)
+from ssp_eval.evaluate.conditions.expansion import (
     with_controls,
     with_pictures,
     with_twin_conditions,

@@ -25,7 +25,6 @@ from ssp_eval.evaluate.clients.models import (
     ModelSpec,
     attached_spec,
     bridge_spec,
-    with_controls,
 )
 from ssp_eval.evaluate.conditions.conditions import (
     blackened,
@@ -34,6 +33,7 @@ from ssp_eval.evaluate.conditions.conditions import (
     shuffled,
     under,
 )
+from ssp_eval.evaluate.conditions.expansion import with_controls
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.recordings.clip import NoQuestion, Question

@@ -15,8 +15,9 @@ from ssp_eval.evaluate.campaign import Plan, run_campaign
 from ssp_eval.evaluate.cli import driving_before
 from ssp_eval.evaluate.clients.model_client import InProcessClients
 from ssp_eval.evaluate.clients.model_replies import Loss
-from ssp_eval.evaluate.clients.models import ModelSpec, bridge_spec, with_controls
+from ssp_eval.evaluate.clients.models import ModelSpec, bridge_spec
 from ssp_eval.evaluate.conditions.conditions import other_label_time
+from ssp_eval.evaluate.conditions.expansion import with_controls
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.cell_file import CellResult
 from ssp_eval.report.page import write_report

@@ -22,8 +22,6 @@ from ssp_eval.evaluate.clients.models import (
     ModelSpec,
     bridge_spec,
     condition_of,
-    with_controls,
-    with_pictures,
 )
 from ssp_eval.evaluate.conditions.conditions import under, with_lost_frames
 from ssp_eval.evaluate.conditions.corruptions import (
@@ -35,6 +33,7 @@ from ssp_eval.evaluate.conditions.corruptions import (
     is_lost,
     plain_like,
 )
+from ssp_eval.evaluate.conditions.expansion import with_controls, with_pictures
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.recordings.clip import Clip, NoQuestion, Question

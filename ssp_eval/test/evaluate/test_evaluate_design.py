@@ -9,8 +9,9 @@ from itertools import pairwise
 import pytest
 
 from ssp_eval.causes.findings import Finding, Word, moved_by
-from ssp_eval.evaluate.clients.models import ModelSpec, with_repeats, with_twin_conditions
+from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conditions.design import balanced_rows, series_of, stages_of
+from ssp_eval.evaluate.conditions.expansion import with_repeats, with_twin_conditions
 from tests.support.models.answerers import (
     ANSWERERS,
     LABELS,

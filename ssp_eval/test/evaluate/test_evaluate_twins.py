@@ -21,7 +21,8 @@ from ssp_eval.causes.findings import Word, moved_by
 from ssp_eval.evaluate.campaign import Plan, run_campaign
 from ssp_eval.evaluate.clients.model_client import InProcessClients
 from ssp_eval.evaluate.clients.model_replies import ModelReply
-from ssp_eval.evaluate.clients.models import ModelSpec, bridge_spec, with_controls
+from ssp_eval.evaluate.clients.models import ModelSpec, bridge_spec
+from ssp_eval.evaluate.conditions.expansion import with_controls
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Job, JobRunner, Settings
 from ssp_eval.evaluate.run import ENGINES, run_parallel

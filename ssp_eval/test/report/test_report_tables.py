@@ -16,7 +16,8 @@ from evaluation_files import audit_file, resealed
 from ssp_core.cli import main
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.clients.model_client import InProcessClients
-from ssp_eval.evaluate.clients.models import bridge_spec, with_controls
+from ssp_eval.evaluate.clients.models import bridge_spec
+from ssp_eval.evaluate.conditions.expansion import with_controls
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.admission import load_admissions
 from ssp_eval.evaluate.store.results import load_cells

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from itertools import groupby, zip_longest
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,7 +16,6 @@ from ssp_core.run_file.values import Strict
 from ssp_vla_bridge.adapters.registry import check_adapter
 from ssp_vla_bridge.backend import (
     BACKENDS,
-    NO_IMAGES,
     OPTION_INTERFACE,
     OPTION_START,
     check_options,
@@ -27,7 +25,6 @@ from ssp_vla_bridge.backend import (
     parse_options,
 )
 from ssp_vla_bridge.backends import node, python
-from ssp_vla_bridge.backends.given_back import FACTS
 from ssp_vla_bridge.window import Interface, Preprocessing, find_interface
 
 # In the options of a bridge these words stand for what only the cell knows.
@@ -64,13 +61,13 @@ PICTURES = (
 # control, as it was, and asked for the trajectory.
 REASONING = "reasoning."
 # The backend that can, and that can ask without pictures.
-_CHAT = "openai"
+CHAT = "openai"
 # A model of the chat backend with ``images: none``: it is asked in words alone.
 BLIND = "blind"
 # What --twins adds begins so, and the twin's name follows.
 TWIN = "twin."
 # What a condition begins with that isn't one of CONDITIONS, and changes one cause.
-_FAMILIES = ("pictures.", TWIN, REASONING)
+FAMILIES = ("pictures.", TWIN, REASONING)
 # The question itself once more, after all others: what changes then has no cause at all.
 REPEAT = "repeat"
 # Of the order into which frames are put and of what is drawn in them; one for all campaigns, so
@@ -81,7 +78,7 @@ CONDITION_SEED = 1
 def condition_of(model: str) -> tuple[str, str]:
     """Name of the model and condition under which it was asked; empty where there is none."""
     name, _, last = model.rpartition("+")
-    is_condition = last in (*CONDITIONS, BLIND, REPEAT) or last.startswith(_FAMILIES)
+    is_condition = last in (*CONDITIONS, BLIND, REPEAT) or last.startswith(FAMILIES)
     return (name, last) if name and is_condition else (model, "")
 
 
@@ -369,7 +366,7 @@ def _spec(name: str, entry: ModelEntry) -> ModelSpec:
         # Requests and prompts have to be of the same interface.
         options.setdefault("interface", entry.interface)
     preprocessing = {key: getattr(entry, key) for key in _PREPROCESSING}
-    blind = backend == _CHAT and is_blind(options)
+    blind = backend == CHAT and is_blind(options)
     return ModelSpec(
         name,
         options,
@@ -453,116 +450,6 @@ def as_attached(specs: list[ModelSpec]) -> list[ModelSpec]:
         replace(spec, attached=True, interface=spec.model_interface.name, backend="", options={})
         for spec in specs
     ]
-
-
-def with_controls(specs: list[ModelSpec], driving: Collection[str] = ()) -> list[ModelSpec]:
-    """Return the models, each followed by itself under every condition, and our own answerers.
-
-    Models that check the harness already get no conditions: they look at no frame, or repeat what
-    was said about others. None is added that is there under its name.
-
-    Args:
-        specs: the campaign's models.
-        driving: names under which the campaign has models already; an answerer with one of them is
-            asked like the others and stays a model.
-    """
-    models = once_more(specs, CONDITIONS, {*CONTROLS, *ANSWERERS})
-    names = {spec.name for spec in specs}
-    added = [bridge_spec(name) for name in ANSWERERS if name not in names]
-    return models + [replace(s, control=s.name not in driving, answerer=True) for s in added]
-
-
-def with_pictures(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
-    """Return the models, each followed by itself under every corruption of the pictures.
-
-    Models that check the harness get none, for the reasons of with_controls.
-    """
-    return once_more(specs, PICTURES, {*CONTROLS, *ANSWERERS})
-
-
-def is_chat(spec: ModelSpec) -> bool:
-    """Tell whether a bridge of ours writes the messages.
-
-    Such a bridge can leave pictures out, and give a model its own text back.
-    """
-    return spec.backend_name == _CHAT and not spec.attached
-
-
-def with_blind(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
-    """Return the models, and behind them each one of the chat backend asked without pictures.
-
-    A model that has its blind self already gets no second one.
-    """
-    there = {spec.name for spec in specs if spec.condition == BLIND}
-    seeing = [s for s in specs if is_chat(s) and not s.condition and s.name not in there]
-    return [
-        *specs,
-        *(
-            replace(s, options={**s.options, "images": NO_IMAGES}, condition=BLIND, control=True)
-            for s in seeing
-        ),
-    ]
-
-
-def with_reasoning(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
-    """Return the models; one that takes its own text back is followed by itself with each fact."""
-    names = [REASONING + fact for fact in FACTS]
-    models = once_more(specs, names, {s.backend_name for s in specs if not is_chat(s)})
-    return [
-        replace(s, options={**s.options, "give_back": s.condition.removeprefix(REASONING)})
-        if s.condition in names
-        else s
-        for s in models
-    ]
-
-
-def with_twin_conditions(specs: Sequence[ModelSpec], twins: Sequence[str]) -> list[ModelSpec]:
-    """Return the models, each followed by itself under the twins of one recording.
-
-    Answerers of ours that see no frame are asked too: what they say must not move but with the ego
-    history. One that answers from labels, from a file or not at all isn't.
-
-    Args:
-        specs: the campaign's models.
-        twins: their conditions.
-    """
-    return once_more(specs, twins, CONTROLS)
-
-
-def with_repeats(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
-    """Return the models; one asked with a changed cause is followed by itself, asked again."""
-    models: list[ModelSpec] = []
-    for _, group in groupby(specs, lambda spec: spec.name):
-        own, *others = group
-        models += [own, *others]
-        if any(spec.condition.startswith(_FAMILIES) for spec in others):
-            models.append(replace(own, condition=REPEAT, control=True))
-    return models
-
-
-def once_more(
-    specs: Sequence[ModelSpec], conditions: Sequence[str], but: Collection[str]
-) -> list[ModelSpec]:
-    """Return the models, each followed by itself under conditions, behind those it already has.
-
-    A blind model gets none, since no picture reaches it, and stands behind all others.
-
-    Args:
-        specs: models; the entries of one name stand together.
-        conditions: their names.
-        but: names of backends whose models get none.
-    """
-    models = []
-    own = None
-    blind = [spec for spec in specs if spec.condition == BLIND]
-    specs = [spec for spec in specs if spec.condition != BLIND]
-    for spec, following in zip_longest(specs, specs[1:]):
-        models.append(spec)
-        own = spec if own is None or own.name != spec.name else own
-        last = following is None or following.name != spec.name
-        if last and spec.backend_name not in but:
-            models += [replace(own, condition=name, control=True) for name in conditions]
-    return models + blind
 
 
 def check_bridge(model: ModelSpec) -> None:

@@ -24,7 +24,8 @@ from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cli import evaluate
 from ssp_eval.evaluate.clients.model_client import InProcessClients
-from ssp_eval.evaluate.clients.models import ModelSpec, attached_spec, bridge_spec, with_controls
+from ssp_eval.evaluate.clients.models import ModelSpec, attached_spec, bridge_spec
+from ssp_eval.evaluate.conditions.expansion import with_controls
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Job, JobRunner, Settings
 from ssp_eval.evaluate.run import run_parallel

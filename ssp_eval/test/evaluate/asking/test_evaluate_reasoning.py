@@ -13,10 +13,8 @@ from ssp_core.cli import main
 from ssp_eval.evaluate.campaign import Plan, run_campaign
 from ssp_eval.evaluate.cli import reasoned
 from ssp_eval.evaluate.clients.model_replies import ModelReply
-from ssp_eval.evaluate.clients.models import (
-    ModelSpec,
-    attached_spec,
-    condition_of,
+from ssp_eval.evaluate.clients.models import ModelSpec, attached_spec, condition_of
+from ssp_eval.evaluate.conditions.expansion import (
     with_controls,
     with_pictures,
     with_reasoning,
