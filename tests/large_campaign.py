@@ -33,7 +33,7 @@ from ssp_eval.evaluate.store.cell_file import (
     sealed,
 )
 from ssp_eval.score.cell import score_cell
-from ssp_eval.statistics.tables import condition_of
+from ssp_eval.statistics.tables.scores import condition_of
 
 # With each of them asked under two conditions, and one answerer, sixteen names.
 MODELS = tuple(f"model_{k:02d}" for k in range(5))

@@ -75,7 +75,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "score": ("ssp_eval.score.cli:score", "Score records against labels (METHOD 5 and 6)."),
     "report": ("ssp_eval.report.cli:report", "Write the HTML report of evaluated cells."),
     "shortlist": (
-        "ssp_eval.statistics.shortlist:shortlist_command",
+        "ssp_eval.statistics.tables.shortlist:shortlist_command",
         "List which events go on to the track, and why.",
     ),
     "extract": ("ssp_eval.extract.cli:extract", "Extract slots with evidence from texts."),

@@ -35,8 +35,8 @@ from ssp_eval.closed_loop.tables import (
 )
 from ssp_eval.pages import style
 from ssp_eval.score.cli import NULL
-from ssp_eval.statistics.grids import Grid, grid
 from ssp_eval.statistics.table import Table, counted
+from ssp_eval.statistics.tables.grids import Grid, grid
 from ssp_scenario_manager.closed_loop.campaigns.groups import headings_of
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES, PRIVILEGED, ZERO
 from ssp_scenario_manager.closed_loop.campaigns.row_bags import bag_folder

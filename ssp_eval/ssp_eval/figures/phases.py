@@ -29,8 +29,8 @@ from ssp_eval.figures.style import (
 )
 from ssp_eval.figures.write import FiguresOutcome, written_drawings
 from ssp_eval.score.cli import NULL
-from ssp_eval.statistics.notices import caption_text
 from ssp_eval.statistics.rows import rows_from_cells
+from ssp_eval.statistics.tables.notices import caption_text
 
 _LEFT_IN, _GAP_IN, _HEAD_IN, _FOOT_IN = 0.22, 0.06, 0.22, 0.24
 _LINE_IN = 0.125

@@ -27,7 +27,7 @@ from ssp_eval.statistics.constants import (
 )
 from ssp_eval.statistics.rows import OK, CellRow, entering, merged, one_scale, over_what
 from ssp_eval.statistics.table import counted
-from ssp_eval.statistics.tables import run_notes, uneven
+from ssp_eval.statistics.tables.scores import run_notes, uneven
 
 Group = Mapping[str, Mean]
 

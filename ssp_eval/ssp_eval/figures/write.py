@@ -12,8 +12,8 @@ from ssp_core.errors import InputError
 from ssp_core.files.folders import make_folder
 from ssp_core.files.writing import write_bytes, write_text
 from ssp_eval.figures.scores import Scores
-from ssp_eval.statistics.notices import caption_text
 from ssp_eval.statistics.rows import CellRow
+from ssp_eval.statistics.tables.notices import caption_text
 
 if TYPE_CHECKING:
     from ssp_eval.figures.style import Drawing, LeftOut

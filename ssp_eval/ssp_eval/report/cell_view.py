@@ -20,7 +20,7 @@ from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.figures.projection import overlay, top_view
 from ssp_eval.score.cell import Judgement, SlotScore
 from ssp_eval.score.cli import NULL
-from ssp_eval.statistics.statistics_tables import STAGE_NAMES
+from ssp_eval.statistics.tables.statistics import STAGE_NAMES
 
 
 @dataclass(frozen=True)

@@ -24,18 +24,18 @@ from ssp_eval.report.page import write_report
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED
 from ssp_eval.statistics.constants import OfScenario, constant_rows, constant_table
 from ssp_eval.statistics.csv_rows import rows_from_csv
-from ssp_eval.statistics.label_table import label_table
-from ssp_eval.statistics.notices import everywhere, notice_table, notices
-from ssp_eval.statistics.responses import named_audits, response_table
 from ssp_eval.statistics.rows import CellRow, scale
 from ssp_eval.statistics.statistics import Options, steps_of
-from ssp_eval.statistics.statistics_tables import (
+from ssp_eval.statistics.table import FORMATS, Table, write_tables
+from ssp_eval.statistics.tables.labels import label_table
+from ssp_eval.statistics.tables.notices import everywhere, notice_table, notices
+from ssp_eval.statistics.tables.responses import named_audits, response_table
+from ssp_eval.statistics.tables.scores import all_tables, with_notices
+from ssp_eval.statistics.tables.statistics import (
     failures_by_cell,
     failures_by_model,
     write_statistics,
 )
-from ssp_eval.statistics.table import FORMATS, Table, write_tables
-from ssp_eval.statistics.tables import all_tables, with_notices
 
 # It needs the frames of a campaign.
 PHASES = "phases"

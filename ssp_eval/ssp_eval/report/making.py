@@ -20,7 +20,6 @@ from ssp_eval.statistics.constants import (
     constants_in,
     constants_of_cells,
 )
-from ssp_eval.statistics.notices import everywhere, notices
 from ssp_eval.statistics.rows import (
     CellRow,
     apart_across_runs,
@@ -29,9 +28,10 @@ from ssp_eval.statistics.rows import (
     without_domains,
 )
 from ssp_eval.statistics.statistics import Options, compute
-from ssp_eval.statistics.statistics_tables import statistics_tables
 from ssp_eval.statistics.table import Table
-from ssp_eval.statistics.tables import with_notices
+from ssp_eval.statistics.tables.notices import everywhere, notices
+from ssp_eval.statistics.tables.scores import with_notices
+from ssp_eval.statistics.tables.statistics import statistics_tables
 
 # Up to here a page has its statistics without being asked; of more cells they take minutes.
 MOST_ANALYSED = 500

@@ -28,8 +28,8 @@ from ssp_eval.evaluate.store.results import (
 from ssp_eval.pages import data_uri
 from ssp_eval.report.cell_view import record_views, tolerated
 from ssp_eval.report.render import Details, environment, load_lightly, render
-from ssp_eval.statistics.responses import named_audits
 from ssp_eval.statistics.table import Table
+from ssp_eval.statistics.tables.responses import named_audits
 
 PAGE = "index.html"
 # Up to here a page holds all details and pictures, some 150 kB a cell; beyond, a browser would

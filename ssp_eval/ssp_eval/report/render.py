@@ -39,15 +39,15 @@ from ssp_eval.statistics.constants import (
     constants_of_cells,
     is_below,
 )
-from ssp_eval.statistics.control_tables import ANSWERERS, SEEING
-from ssp_eval.statistics.grids import Grid, common_notes, grid, without_notes
-from ssp_eval.statistics.label_table import label_table
-from ssp_eval.statistics.notices import lead, notices
-from ssp_eval.statistics.responses import response_table
 from ssp_eval.statistics.rows import CellRow, compared_labels, rows_from_cells
-from ssp_eval.statistics.statistics_tables import STAGE_NAMES, failures_by_cell, failures_by_model
 from ssp_eval.statistics.table import Table, Value, by_column
-from ssp_eval.statistics.tables import MEAN_TABLES, all_tables
+from ssp_eval.statistics.tables.controls import ANSWERERS, SEEING
+from ssp_eval.statistics.tables.grids import Grid, common_notes, grid, without_notes
+from ssp_eval.statistics.tables.labels import label_table
+from ssp_eval.statistics.tables.notices import lead, notices
+from ssp_eval.statistics.tables.responses import response_table
+from ssp_eval.statistics.tables.scores import MEAN_TABLES, all_tables
+from ssp_eval.statistics.tables.statistics import STAGE_NAMES, failures_by_cell, failures_by_model
 
 COLUMNS = tuple(BY_NAME[name] for name in (*COMPONENT_RATIOS, *DIAGNOSTIC))
 # Cells that are scored and stay out of domain means (METHOD 4).

@@ -1,1 +1,1 @@
-"""Tables and statistics over scored cells: means, ranks, intervals, comparisons, sensitivity."""
+"""Statistics over scored cells: means, ranks, intervals, comparisons, sensitivity; their tables."""

@@ -28,7 +28,7 @@ from ssp_eval.recordings.clip import Clip, NoQuestion, Question
 from ssp_eval.recordings.event import Crop
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.rows import rows_from_campaign
-from ssp_eval.statistics.tables import all_tables
+from ssp_eval.statistics.tables.scores import all_tables
 
 BagMaker = Callable[..., Path]
 

@@ -30,10 +30,10 @@ from ssp_eval.evaluate.conditions.expansion import (
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.report.page import write_report
-from ssp_eval.statistics.notices import notices
 from ssp_eval.statistics.rows import entering, rows_from_cells
 from ssp_eval.statistics.table import by_column
-from ssp_eval.statistics.tables import all_tables
+from ssp_eval.statistics.tables.notices import notices
+from ssp_eval.statistics.tables.scores import all_tables
 from ssp_vla_bridge.messages import Request, Response
 from tests.support.models.answering import Answering
 from tests.support.models.llm_server import completion, serving

@@ -19,8 +19,8 @@ from ssp_eval.evaluate.store.answer_records import record_of
 from ssp_eval.evaluate.store.cell_file import CellResult
 from ssp_eval.evaluate.store.requests import answer_sha256, rebuild_request
 from ssp_eval.evaluate.store.results import load_cells
-from ssp_eval.statistics.notices import OUTAGE, notices
 from ssp_eval.statistics.rows import rows_from_cells
+from ssp_eval.statistics.tables.notices import OUTAGE, notices
 from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json
 from tests.support.models.answering import Answering
 

@@ -22,7 +22,7 @@ from ssp_eval.evaluate.store.results import CellData, load_cells
 from ssp_eval.score.engine import cell_terms
 from ssp_eval.statistics.bootstrap import SEED, bootstrap_records
 from ssp_eval.statistics.rows import rows_from_cells
-from ssp_eval.statistics.shortlist import DEFAULT_LIMITS, shortlist
+from ssp_eval.statistics.tables.shortlist import DEFAULT_LIMITS, shortlist
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import read_log
 

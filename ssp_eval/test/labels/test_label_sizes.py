@@ -19,8 +19,8 @@ from ssp_eval.audit.visibility import label_sizes
 from ssp_eval.data.audit import LabelCount, LabelSize, load_audit
 from ssp_eval.data.labels import Label, Labels
 from ssp_eval.recordings.sight import Moment, Optics, object_height_px
-from ssp_eval.statistics.label_table import HARDLY_VISIBLE, label_table
 from ssp_eval.statistics.table import by_column
+from ssp_eval.statistics.tables.labels import HARDLY_VISIBLE, label_table
 from tests.support.states import object_state as box
 
 CAMERA = Camera()

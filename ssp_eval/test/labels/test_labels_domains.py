@@ -34,9 +34,9 @@ from ssp_eval.labels.review import is_unreviewed, write_proposal
 from ssp_eval.labels.truth import truth_from_bag
 from ssp_eval.report.page import write_report
 from ssp_eval.score.aggregate import means
-from ssp_eval.statistics.notices import notices
 from ssp_eval.statistics.rows import rows_from_cells
-from ssp_eval.statistics.tables import matrix_table
+from ssp_eval.statistics.tables.notices import notices
+from ssp_eval.statistics.tables.scores import matrix_table
 from ssp_scenario_manager.event_spec.load import load_event
 
 Writer = Callable[..., Path]

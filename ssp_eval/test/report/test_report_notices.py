@@ -26,10 +26,10 @@ from ssp_eval.report.page import write_report
 from ssp_eval.score.thresholds import Thresholds
 from ssp_eval.statistics.constants import constant_rows
 from ssp_eval.statistics.csv_rows import rows_from_csv
-from ssp_eval.statistics.notices import Notice, domain_text, everywhere, lead, notices
 from ssp_eval.statistics.rows import OTHER_LABELS, CellRow, entering, rows_from_campaign
 from ssp_eval.statistics.table import write_tables
-from ssp_eval.statistics.tables import all_tables, matrix_table
+from ssp_eval.statistics.tables.notices import Notice, domain_text, everywhere, lead, notices
+from ssp_eval.statistics.tables.scores import all_tables, matrix_table
 from tests.support.score_rows import row
 
 BagMaker = Callable[..., Path]

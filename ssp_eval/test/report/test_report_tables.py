@@ -24,13 +24,13 @@ from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.report.render import seeing_plot
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.statistics.constants import constant_rows, constant_table, constants_of_cells
-from ssp_eval.statistics.control_tables import AS_MUCH, UNPAIRED, control_tables, seeing_table
-from ssp_eval.statistics.grids import common_notes, grid
-from ssp_eval.statistics.notices import everywhere, notices
 from ssp_eval.statistics.rows import rows_from_campaign
-from ssp_eval.statistics.statistics_tables import failures_by_cell
 from ssp_eval.statistics.table import MOST_NAMED, Column, Table, some, to_data
-from ssp_eval.statistics.tables import MEAN_TABLES, MOST_PAIRED, all_tables, condition_of
+from ssp_eval.statistics.tables.controls import AS_MUCH, UNPAIRED, control_tables, seeing_table
+from ssp_eval.statistics.tables.grids import common_notes, grid
+from ssp_eval.statistics.tables.notices import everywhere, notices
+from ssp_eval.statistics.tables.scores import MEAN_TABLES, MOST_PAIRED, all_tables, condition_of
+from ssp_eval.statistics.tables.statistics import failures_by_cell
 from tests.support.score_rows import row
 
 BagMaker = Callable[..., Path]

@@ -26,8 +26,8 @@ from ssp_eval.report.page import write_report
 from ssp_eval.response.compare import load_limits, respond
 from ssp_eval.response.drive import no_drive
 from ssp_eval.response.page import curve_plot, section
-from ssp_eval.statistics.responses import response_table
 from ssp_eval.statistics.table import by_column
+from ssp_eval.statistics.tables.responses import response_table
 from tests.support.braking import drive, pulse
 
 T_S = 0.02 * np.arange(250)

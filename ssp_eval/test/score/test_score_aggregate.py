@@ -22,7 +22,7 @@ from ssp_eval.score.aggregate import (
 )
 from ssp_eval.score.metrics import METRIC_NAMES, CellMetrics
 from ssp_eval.statistics.rows import GIVEN, Scores
-from ssp_eval.statistics.tables import uneven
+from ssp_eval.statistics.tables.scores import uneven
 
 
 def cell(scenario, domain, model, ivcs=0.5, *, admitted=True, **values):

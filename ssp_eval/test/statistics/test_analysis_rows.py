@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_eval.statistics.csv_rows import COLUMNS, rows_from_csv
-from ssp_eval.statistics.notices import OUTAGE, caption_text, everywhere, notices
 from ssp_eval.statistics.rows import MACRO, entering, merged, repeated
 from ssp_eval.statistics.table import to_csv, write_tables
-from ssp_eval.statistics.tables import all_tables, matrix_table
+from ssp_eval.statistics.tables.notices import OUTAGE, caption_text, everywhere, notices
+from ssp_eval.statistics.tables.scores import all_tables, matrix_table
 from tests.support.score_rows import row
 
 HEAD = ",".join(COLUMNS)

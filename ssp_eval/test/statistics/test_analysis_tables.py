@@ -29,7 +29,7 @@ from ssp_eval.statistics.table import (
     to_latex,
     to_notes,
 )
-from ssp_eval.statistics.tables import all_tables, sd
+from ssp_eval.statistics.tables.scores import all_tables, sd
 from tests.support.score_rows import row
 
 THIRD = 1 / 3

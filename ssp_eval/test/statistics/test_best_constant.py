@@ -23,12 +23,12 @@ from ssp_eval.statistics.best_constant import Plan, Scene, _records, best_consta
 from ssp_eval.statistics.constants import BELOW, constants_in
 from ssp_eval.statistics.csv_rows import rows_from_csv
 from ssp_eval.statistics.domains import NO_CELLS, NO_UNITS, NOT_OWED
-from ssp_eval.statistics.notices import notices
 from ssp_eval.statistics.rows import MACRO
 from ssp_eval.statistics.statistics import compute
-from ssp_eval.statistics.statistics_tables import comparison_table
 from ssp_eval.statistics.table import by_column, write_tables
-from ssp_eval.statistics.tables import all_tables, matrix_table
+from ssp_eval.statistics.tables.notices import notices
+from ssp_eval.statistics.tables.scores import all_tables, matrix_table
+from ssp_eval.statistics.tables.statistics import comparison_table
 from tests.support.score_rows import row
 
 

@@ -32,7 +32,7 @@ from ssp_eval.statistics.rows import (
     over_what,
 )
 from ssp_eval.statistics.table import Column, Table, some
-from ssp_eval.statistics.tables import uneven
+from ssp_eval.statistics.tables.scores import uneven
 
 COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, LANGUAGE, MEASURED, RENDERER, CELL = (
     "comparability",

@@ -6,8 +6,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from ssp_eval.score.aggregate import Mean
-from ssp_eval.statistics.statistics_tables import NONE, STAGE_NAMES
 from ssp_eval.statistics.table import Column, Table, Value, fields
+from ssp_eval.statistics.tables.statistics import NONE, STAGE_NAMES
 
 # Letters beyond which a text keeps some width on a narrow screen.
 _LONG = 40

@@ -17,11 +17,11 @@ from ssp_eval.score.thresholds import DEFAULT
 from ssp_eval.statistics.bootstrap import Estimate, Group
 from ssp_eval.statistics.comparisons import FLIPS, Comparison
 from ssp_eval.statistics.domains import DOMAIN_NOTES, FINDING, LABELS_ALONE
-from ssp_eval.statistics.notices import Notice
 from ssp_eval.statistics.resampling import LEVEL, Interval
 from ssp_eval.statistics.sensitivity import WeightSamples
 from ssp_eval.statistics.statistics import Options, Spread, Stability, Statistics
 from ssp_eval.statistics.table import Column, Kind, Table, Value, in_order, to_data
+from ssp_eval.statistics.tables.notices import Notice
 
 STAGE_NAMES = dict(
     zip(

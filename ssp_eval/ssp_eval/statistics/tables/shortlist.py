@@ -23,8 +23,8 @@ from ssp_eval.score.cell import STAGES
 from ssp_eval.score.engine import cell_terms
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED, bootstrap_records
 from ssp_eval.statistics.rows import CellRow, one_scale, rows_from_cells
-from ssp_eval.statistics.statistics_tables import STAGE_NAMES
 from ssp_eval.statistics.table import some
+from ssp_eval.statistics.tables.statistics import STAGE_NAMES
 
 FIRST: DomainWord = "synthetic"
 SECOND: DomainWord = "simulation"

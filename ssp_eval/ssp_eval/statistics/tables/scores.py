@@ -31,7 +31,6 @@ from ssp_eval.statistics.constants import (
     constants_in,
     is_below,
 )
-from ssp_eval.statistics.control_tables import control_tables
 from ssp_eval.statistics.domains import domain_differences, domain_differences_by_model
 from ssp_eval.statistics.resampling import sd
 from ssp_eval.statistics.rows import MACRO, OK, CellRow, entering, one_scale, over_what, repeated
@@ -50,6 +49,7 @@ from ssp_eval.statistics.table import (
     metric_columns,
     some,
 )
+from ssp_eval.statistics.tables.controls import control_tables
 
 YES, NO = "yes", "no"
 # In CSV and JSON alone: what another analysis of the same cells needs, and no reader of a page.

@@ -1,0 +1,1 @@
+"""Tables of scores, as reports, CSV and LaTeX show them, and the notices beside them."""
