@@ -12,7 +12,7 @@ from ssp_ot_controller.camera.clip import GENERATOR
 from ssp_ot_controller.camera.storyboards import INTERACTIONS, Storyboard, storyboard
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 # Times stand in K* to the millisecond.
 ROUNDING_S = 0.0006

@@ -39,7 +39,7 @@ from ssp_scenario_manager.review.decisions import (
     read_value,
     value_text,
 )
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 Review = Callable[..., int]
 SHIPPED = tuple(sorted(KINDS))

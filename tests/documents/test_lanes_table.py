@@ -21,7 +21,7 @@ from ssp_scenario_manager.compile.targets.opendrive import opendrive_map
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, seals, write_event
 from ssp_scenario_manager.event_spec.other_lanes import with_lanes
 from ssp_scenario_manager.run.in_process import run_in_process
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from tests.support.events.blocks import block_of
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "compile.md").read_text()

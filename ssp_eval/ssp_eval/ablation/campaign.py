@@ -54,7 +54,7 @@ from ssp_scenario_manager.closed_loop.outcomes.tables import Row, cell, lines_of
 from ssp_scenario_manager.compile.compiler import checked_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.ordered_map import ordered_map
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 Arm = Literal["structure", "relations", "tracks"]
 ARMS: tuple[Arm, ...] = ("structure", "relations", "tracks")

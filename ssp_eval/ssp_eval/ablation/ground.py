@@ -25,7 +25,7 @@ from ssp_scenario_manager.compile.task import PlaceLink
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block, BlockLane, Library, conflict_areas, segment_of
 from ssp_scenario_manager.run.in_process import InProcessResult, run_in_process
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from ssp_scenario_manager.scenarios.values import thresholds_of
 
 # Sessions that an arm may spend on a place before it must name its run.

@@ -11,7 +11,7 @@ from statistics import median
 
 from ssp_eval.audit.further import HELD_SHARE, SPEED_TOLERANCE_MPS, ScriptEvidence, speeds_otherwise
 from ssp_scenario_manager.event_spec.model import Event, Interval
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 # Of a measured offset: errors of localisation, and a driver's sway.
 _OFFSET_TOLERANCE_M = 0.25

@@ -17,7 +17,7 @@ from ssp_core.motion.state_series import Series
 from ssp_eval.audit.further import ahead_m, gap_slack_m
 from ssp_eval.audit.paths import Lanes, Spot
 from ssp_scenario_manager.event_spec.model import Event, Interval
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from ssp_core.run_file.model import ConflictThresholds, RunSpec
 from ssp_eval.data.audit import EVENT_PHASES
 from ssp_scenario_manager.event_spec.fields import Span, units_of
 from ssp_scenario_manager.event_spec.model import Event, Interval
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 TurnWord = Literal["left", "right"]
 # Intents by which the VUT leaves its road in a junction, and to which side.

@@ -43,8 +43,8 @@ from ssp_scenario_manager.event_spec.load import event_version, seal_event, seal
 from ssp_scenario_manager.event_spec.log import Record, append_records, log_path, utc_now
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.event_spec.other_lanes import topology_with_lanes
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from ssp_scenario_manager.scenarios.further import CLEAR_M, facing_rad, further_ids, stands
-from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.scenarios.values import quantity_at
 
 WHO = "ssp spec clip"

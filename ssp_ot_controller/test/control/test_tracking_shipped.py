@@ -19,7 +19,7 @@ from ssp_scenario_manager.dispatch.references import (
     approach_reference,
     manoeuvre_reference,
 )
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from tests.support.events.places import site_of
 from tests.support.states import object_state, state_of_body
 

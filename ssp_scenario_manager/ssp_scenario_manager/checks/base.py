@@ -30,7 +30,7 @@ from ssp_scenario_manager.event_spec.model import (
     QuantityField,
 )
 from ssp_scenario_manager.scenarios.base import Kind
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 # form: the file isn't readable as K*; C1–C5: METHOD 1; review: part U and the seals in it.
 Check = Literal["form", "C1", "C2", "C3", "C4", "C5", "review"]

@@ -12,7 +12,7 @@ from ssp_scenario_manager.checks.base import (
     has_meaning,
     one_of,
 )
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 _fail = Fail("C4")
 

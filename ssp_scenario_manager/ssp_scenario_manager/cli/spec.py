@@ -28,7 +28,7 @@ from ssp_scenario_manager.event_spec.load import (
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.event_spec.picture import picture
 from ssp_scenario_manager.extract.blank import blank_event
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 # Of fields with one cause, how many are named.
 MOST_NAMED = 8

@@ -35,7 +35,7 @@ from ssp_scenario_manager.review.session import (
     open_evidence,
     to_decide,
 )
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _PATH = click.Path(path_type=Path)

@@ -15,7 +15,7 @@ from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.event_spec.other_lanes import with_lanes
 from ssp_scenario_manager.maps.block import Block, Library
 from ssp_scenario_manager.scenarios.base import CannotPlace
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from ssp_scenario_manager.scenarios.values import quantity_at
 
 HIGHEST = "highest score"

@@ -46,7 +46,7 @@ from ssp_scenario_manager.scenarios.base import (
     Setting,
     Wait,
 )
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from ssp_scenario_manager.scenarios.motions import Motions, motions
 from ssp_scenario_manager.scenarios.planning import adaptation_of
 from ssp_scenario_manager.scenarios.values import (

@@ -24,7 +24,7 @@ from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
 from ssp_scenario_manager.maps.routes import BACK_RAD
 from ssp_scenario_manager.scenarios.base import Kind
 from ssp_scenario_manager.scenarios.block_places import lanes_of_words
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 # Rounding of widths in map files.
 _WIDTH_M = 0.01

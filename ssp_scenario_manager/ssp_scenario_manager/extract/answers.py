@@ -24,7 +24,7 @@ from ssp_scenario_manager.extract.questions import (
     Ask,
     Question,
 )
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 MAX_TEXT = 300
 _STRICT = ConfigDict(extra="forbid", strict=True)

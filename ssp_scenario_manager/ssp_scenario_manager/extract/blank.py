@@ -17,7 +17,7 @@ from ssp_scenario_manager.event_spec.model import (
     Event,
 )
 from ssp_scenario_manager.maps.site import LIBRARY
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 # Followed by the name of the shipped event.
 _DEFAULT = "default of `ssp spec new`, as in the shipped "

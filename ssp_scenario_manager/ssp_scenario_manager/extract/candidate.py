@@ -29,7 +29,7 @@ from ssp_scenario_manager.extract.clip import Clip
 from ssp_scenario_manager.extract.interview import Interview, Target
 from ssp_scenario_manager.extract.questions import CELL_PHASES, NONE, PHASES_ASKED
 from ssp_scenario_manager.scenarios.base import Kind
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 SOURCE = "default of `ssp spec extract`"
 

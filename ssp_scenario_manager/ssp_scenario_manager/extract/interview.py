@@ -44,7 +44,7 @@ from ssp_scenario_manager.extract.questions import (
     RULES,
     Question,
 )
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 DECODING: Mapping[str, Any] = {"temperature": 0.0, "seed": 0, "max_completion_tokens": 4096}
 

@@ -16,7 +16,7 @@ from ssp_scenario_manager.checks.check import check_event, frames_of, is_unresol
 from ssp_scenario_manager.event_spec.fields import ROAD_FIELD, get, owner, put, show, within
 from ssp_scenario_manager.event_spec.load import body, flow, seal_event, seals
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Doubt, Event
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER, Task, load_task
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from tests.support.events.places import site_of
 
 LINE, KERB = (f"constraints.manoeuvre.{name}_distance" for name in ("line", "kerb"))

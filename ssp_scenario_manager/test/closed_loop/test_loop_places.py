@@ -22,7 +22,7 @@ from ssp_scenario_manager.closed_loop.starts.start import (
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
-from ssp_scenario_manager.scenarios.crossing import is_hidden
+from ssp_scenario_manager.scenarios.events.crossing import is_hidden
 from tests.support.events.junctions import ground, made
 from tests.support.events.places import site_of
 

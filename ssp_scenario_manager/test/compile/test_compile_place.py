@@ -28,7 +28,7 @@ from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.maps.crossings import Crossing
 from ssp_scenario_manager.maps.site import Site, load_site, site_library, site_version
 from ssp_scenario_manager.scenarios.base import CannotPlace
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from ssp_scenario_manager.scenarios.values import quantity_at
 from ssp_scenario_manager.triggers.fireability import cannot_fire
 from tests.support.events.blocks import block_of

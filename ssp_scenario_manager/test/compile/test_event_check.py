@@ -32,7 +32,7 @@ from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_
 from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.run.sweep import warn_of_late_conflict
 from ssp_scenario_manager.scenarios.base import CannotPlace
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from ssp_scenario_manager.session import outbox
 from tests.support.events.junctions import ground
 from tests.support.events.places import site_of

@@ -13,7 +13,7 @@ from ssp_core.run_file.model import Limits
 from ssp_scenario_manager.compile.targets.task_picture import lies_on, speed_lines, top_view
 from ssp_scenario_manager.compile.targets.task_sheet import limit_rows, sheet, start_row
 from ssp_scenario_manager.compile.task import Task, load_task
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from tests.support.events.places import site_of
 
 EVENTS = tuple(sorted(KINDS))

@@ -19,7 +19,7 @@ from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.extract import blank
 from ssp_scenario_manager.extract.blank import changed_by_hand
 from ssp_scenario_manager.review.session import to_decide
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 ROAD = {
     "road_type": "urban",

@@ -40,7 +40,7 @@ from ssp_scenario_manager.event_spec.load import (
 )
 from ssp_scenario_manager.event_spec.model import Doubt, Event, Interval
 from ssp_scenario_manager.maps.site import find_shipped
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 NAMES = tuple(sorted(KINDS))
 

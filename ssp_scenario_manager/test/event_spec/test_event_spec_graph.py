@@ -17,7 +17,7 @@ from ssp_scenario_manager.event_spec.load import body, load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.event_spec.picture import picture
 from ssp_scenario_manager.maps.site import find_shipped
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 NAMES = tuple(sorted(KINDS))
 

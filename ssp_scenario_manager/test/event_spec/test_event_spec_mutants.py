@@ -20,7 +20,7 @@ from ssp_scenario_manager.checks.form import vocabulary
 from ssp_scenario_manager.event_spec.fields import UNITS, join, leaves, split, within
 from ssp_scenario_manager.event_spec.load import event_version, read_event_file
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 NAMES = tuple(sorted(KINDS))
 PHASES = ("approach", "trigger", "conflict", "resolution")

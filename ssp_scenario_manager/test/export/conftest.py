@@ -38,7 +38,7 @@ from ssp_scenario_manager.scenarios.base import (
     Trigger,
     Wait,
 )
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from ssp_scenario_manager.scenarios.motions import motions
 from ssp_scenario_manager.scenarios.values import classes_of
 from tests.support.events.blocks import block_of as made_block

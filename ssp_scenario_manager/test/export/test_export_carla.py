@@ -22,7 +22,7 @@ from ssp_scenario_manager.compile.targets.carla import carla_config, export_carl
 from ssp_scenario_manager.compile.targets.carla_check import check_against_map
 from ssp_scenario_manager.compile.targets.map_file import map_file
 from ssp_scenario_manager.compile.task import PlaceLink
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 # Where roads cross: test_maps_crossing_car.py.
 EVENTS = tuple(sorted(name for name, kind in KINDS.items() if not kind.at_junction))

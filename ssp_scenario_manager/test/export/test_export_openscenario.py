@@ -32,7 +32,7 @@ from ssp_scenario_manager.compile.targets.player import play
 from ssp_scenario_manager.compile.targets.ramps import legs, matched
 from ssp_scenario_manager.compile.task import PlaceLink, Task, sealed
 from ssp_scenario_manager.run.feasibility import driven
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 # Where roads cross: test_maps_crossing_car.py.
 EVENTS = tuple(sorted(name for name, kind in KINDS.items() if not kind.at_junction))

@@ -22,7 +22,7 @@ from typing import Any
 import pytest
 
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 # Where roads cross: test_maps_crossing_car.py.
 EVENTS = tuple(sorted(name for name, kind in KINDS.items() if not kind.at_junction))

@@ -11,7 +11,7 @@ import pytest
 from ssp_core.motion.corridor import Corridor
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.targets.carla import export_carla
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from tests.support.events.places import site_of
 from tests.support.events.played import shown
 

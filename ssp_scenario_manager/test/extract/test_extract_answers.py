@@ -29,7 +29,7 @@ from ssp_scenario_manager.extract.candidate import Origin, make_candidate
 from ssp_scenario_manager.extract.clip import Clip, Shot
 from ssp_scenario_manager.extract.interview import Interviewer, Store, kind_texts
 from ssp_scenario_manager.extract.questions import QUESTIONS
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 SCOPE = Scope(5, ("ot1", "ot2"))
 

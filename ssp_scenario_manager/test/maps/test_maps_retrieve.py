@@ -28,7 +28,7 @@ from ssp_scenario_manager.maps.block import (
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.routes import with_routes
 from ssp_scenario_manager.maps.site import find_shipped, load_site, site_library
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from tests.support.events.blocks import block_of
 from tests.support.events.places import site_of
 

@@ -30,8 +30,8 @@ from ssp_scenario_manager.scenarios.base import (
     Wait,
 )
 from ssp_scenario_manager.scenarios.block_places import ahead_of
-from ssp_scenario_manager.scenarios.crossing import is_hidden
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.crossing import is_hidden
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 from ssp_scenario_manager.scenarios.motions import motions
 from ssp_scenario_manager.scenarios.prediction import Prediction, predict
 from ssp_scenario_manager.scenarios.values import classes_of, quantity_at, size_of, thresholds_of

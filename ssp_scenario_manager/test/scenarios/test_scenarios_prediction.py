@@ -26,7 +26,7 @@ from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.scenarios.base import BlockPoint, CannotPlace, Cross, Drive, Trigger, Wait
-from ssp_scenario_manager.scenarios.crossing import is_hidden
+from ssp_scenario_manager.scenarios.events.crossing import is_hidden
 from ssp_scenario_manager.scenarios.motions import (
     CRUISE_SHARE,
     STEP_S,

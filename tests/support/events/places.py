@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
 _OPEN_ROAD = {"simulation": "boulevard", "physical": "north_track"}
 _CROSSROADS = {"simulation": "crossroads", "physical": "cross_track"}

@@ -26,7 +26,7 @@ from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.compile.task import NO_TUNINGS, Tuning
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
-from ssp_scenario_manager.scenarios.crossing import is_hidden
+from ssp_scenario_manager.scenarios.events.crossing import is_hidden
 
 # How long the search for the first trigger, and then the twin, may take in session time.
 _SCOUT_S = 40.0

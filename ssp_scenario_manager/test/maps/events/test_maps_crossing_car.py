@@ -42,8 +42,8 @@ from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.block_places import END_MARGIN_M, bend_speed_mps
-from ssp_scenario_manager.scenarios.crossing import is_hidden
-from ssp_scenario_manager.scenarios.crossing_car import crossings
+from ssp_scenario_manager.scenarios.events.crossing import is_hidden
+from ssp_scenario_manager.scenarios.events.crossing_car import crossings
 from ssp_scenario_manager.triggers.on_route import off_route
 from tests.support.events.junctions import (
     RIGHT_TURN,

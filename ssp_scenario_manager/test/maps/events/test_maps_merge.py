@@ -18,7 +18,7 @@ from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.scenarios.base import CannotPlace
-from ssp_scenario_manager.scenarios.merge import ramps
+from ssp_scenario_manager.scenarios.events.merge import ramps
 from tests.support.events.junctions import ground, made, route, site_without_junction
 from tests.support.simulated_once import run_once
 

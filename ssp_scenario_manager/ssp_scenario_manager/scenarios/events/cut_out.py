@@ -31,7 +31,7 @@ from ssp_scenario_manager.scenarios.block_places import (
     vut_lane_indices,
     within_block,
 )
-from ssp_scenario_manager.scenarios.crossing import hidden_at_the_trigger
+from ssp_scenario_manager.scenarios.events.crossing import hidden_at_the_trigger
 from ssp_scenario_manager.scenarios.motions import cruise_reached_s
 from ssp_scenario_manager.scenarios.planning import Draft, plans_in_lane
 from ssp_scenario_manager.scenarios.values import (
