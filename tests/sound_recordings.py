@@ -38,7 +38,7 @@ from ssp_core.cli import main as ssp
 from ssp_core.geodesy import Datum, Place
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import LinkDisturbance
-from ssp_eval.audit.history import find_switches
+from ssp_eval.audit.evidence.history import find_switches
 from ssp_eval.importers.contradictions import Course, contradictions
 from ssp_eval.recordings.states import Sighting
 from ssp_scenario_manager.run.in_process import Record, run_in_process

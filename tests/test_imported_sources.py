@@ -30,8 +30,8 @@ from ssp_core.cli import main
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Camera, RunSpec, load_run
 from ssp_core.vocabulary import PHASES, ObjectClass, Role
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.audit.examine import examine
-from ssp_eval.audit.recording import read_recording
 from ssp_ot_controller.camera.clip import write_clip
 from ssp_ot_controller.camera.frames import Odometer
 from ssp_ot_controller.camera.renderer.render import render

@@ -14,7 +14,7 @@ PUBLIC = {
     "load_audit": "ssp_eval.data.audit",
     "load_labels": "ssp_eval.data.labels",
     "load_records": "ssp_eval.data.records",
-    "read_recording": "ssp_eval.audit.recording",
+    "read_recording": "ssp_eval.audit.evidence.recording",
     "score_cell": "ssp_eval.score.cell",
 }
 

@@ -30,7 +30,7 @@ from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Intrinsics, Mounting, intrinsics, shown_box
-from ssp_eval.audit.recording import read_recording
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.pictures.compare import PictureFigures, compare_pictures, plan_pairs
 from ssp_eval.pictures.footage import Footage, Grey, coarse, reduced
 from ssp_eval.pictures.repeats import has_many_repeats, repeated_frames, sampled_frames

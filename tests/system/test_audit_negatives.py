@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ssp_eval.audit import judge, pictures
+from ssp_eval.audit import judge
+from ssp_eval.audit.evidence import pictures
+from ssp_eval.audit.evidence.recording import Head, Recording
 from ssp_eval.audit.examine import Examination
-from ssp_eval.audit.recording import Head, Recording
 from ssp_eval.data.audit import Audit, RecordingEntry, load_audit
 from ssp_eval.data.provenance import find_bag
 from ssp_eval.pictures.footage import Grey, read_grey

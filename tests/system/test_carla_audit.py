@@ -20,8 +20,8 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.files.writing import write_json
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.run_file.model import load_run
+from ssp_eval.audit.evidence.recording import Recording, read_recording
 from ssp_eval.audit.judge import judge
-from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.audit.server import server_disclosures
 from ssp_eval.data.audit import AUDIT_FILE, load_audit
 from ssp_eval.data.provenance import CARLA, read_provenance

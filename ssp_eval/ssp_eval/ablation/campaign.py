@@ -48,7 +48,7 @@ from ssp_eval.ablation.source import (
 )
 from ssp_eval.ablation.structure import by_structure
 from ssp_eval.ablation.tracks import by_tracks
-from ssp_eval.audit.recording import ROAD_WORDS
+from ssp_eval.audit.evidence.recording import ROAD_WORDS
 from ssp_eval.data.audit import FIELDS
 from ssp_scenario_manager.closed_loop.outcomes.tables import Row, cell, lines_of, rows_there
 from ssp_scenario_manager.compile.compiler import checked_event

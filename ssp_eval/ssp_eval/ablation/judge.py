@@ -14,10 +14,10 @@ from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import Verdict
 from ssp_eval.ablation.ground import Trial
 from ssp_eval.audit.checks import further_findings, phase_findings, property_findings
-from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
-from ssp_eval.audit.holding import holding_initiator
-from ssp_eval.audit.leaving import leaving_occluder
-from ssp_eval.audit.measure import Measurements, RoadFacts, Scene, measure
+from ssp_eval.audit.evidence.evidence import expected_properties, outside_ranges, varying_parts
+from ssp_eval.audit.evidence.holding import holding_initiator
+from ssp_eval.audit.evidence.leaving import leaving_occluder
+from ssp_eval.audit.evidence.measure import Measurements, RoadFacts, Scene, measure
 from ssp_eval.data.audit import (
     EVENT_PHASES,
     FIELDS,

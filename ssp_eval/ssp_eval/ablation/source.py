@@ -19,7 +19,7 @@ from ssp_core.motion.state_series import Series, between
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import ObjectClass
-from ssp_eval.audit.recording import read_recording
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.recordings.event import source_times
 from ssp_eval.recordings.source_clip import board_of
 from ssp_ot_controller.camera.clip import GENERATOR

@@ -7,18 +7,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from operator import attrgetter
 
 from ssp_core.run_file.model import ConflictThresholds
-from ssp_eval.audit.evidence import (
+from ssp_eval.audit.evidence.evidence import (
     PHASES_FIELD,
     Subject,
     expected_properties,
     review_of,
 )
-from ssp_eval.audit.further import departures
-from ssp_eval.audit.holding import holds_otherwise
-from ssp_eval.audit.leaving import leaves_otherwise
-from ssp_eval.audit.measure import Measurements, Phases
-from ssp_eval.audit.reasons import Finding
-from ssp_eval.audit.recording import Recording
+from ssp_eval.audit.evidence.further import departures
+from ssp_eval.audit.evidence.holding import holds_otherwise
+from ssp_eval.audit.evidence.leaving import leaves_otherwise
+from ssp_eval.audit.evidence.measure import Measurements, Phases
+from ssp_eval.audit.evidence.reasons import Finding
+from ssp_eval.audit.evidence.recording import Recording
 from ssp_eval.audit.server import server_findings
 from ssp_eval.data.audit import (
     CONFLICT,

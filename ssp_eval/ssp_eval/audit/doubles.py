@@ -8,9 +8,9 @@ from itertools import combinations, product
 
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.participation import ParticipantKind
+from ssp_eval.audit.evidence.reasons import Finding
+from ssp_eval.audit.evidence.recording import BESIDE_S, Recording
 from ssp_eval.audit.examine import Examination
-from ssp_eval.audit.reasons import Finding
-from ssp_eval.audit.recording import BESIDE_S, Recording
 from ssp_eval.data.provenance import Provenance
 from ssp_eval.pictures.copies import MOST_PICTURES, Details, details_of, same_pictures
 from ssp_eval.pictures.footage import read_quarter, spread

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ssp_core.errors import InputError
 from ssp_eval.audit.checks import CHECKS
-from ssp_eval.audit.evidence import (
+from ssp_eval.audit.evidence.evidence import (
     Evidence,
     Source,
     Subject,
@@ -16,14 +16,14 @@ from ssp_eval.audit.evidence import (
     observed,
     reviewed,
 )
-from ssp_eval.audit.history import History, examine_history
-from ssp_eval.audit.holding import holding_initiator
-from ssp_eval.audit.leaving import leaving_occluder
-from ssp_eval.audit.measure import Measurements, Phases, Scene, measure
-from ssp_eval.audit.pictures import PictureExamination, examine_pictures
-from ssp_eval.audit.reasons import Finding
-from ssp_eval.audit.recording import Recording
-from ssp_eval.audit.visibility import examine_coverage
+from ssp_eval.audit.evidence.history import History, examine_history
+from ssp_eval.audit.evidence.holding import holding_initiator
+from ssp_eval.audit.evidence.leaving import leaving_occluder
+from ssp_eval.audit.evidence.measure import Measurements, Phases, Scene, measure
+from ssp_eval.audit.evidence.pictures import PictureExamination, examine_pictures
+from ssp_eval.audit.evidence.reasons import Finding
+from ssp_eval.audit.evidence.recording import Recording
+from ssp_eval.audit.evidence.visibility import examine_coverage
 from ssp_eval.data.audit import (
     EVENT_PHASES,
     FIELDS,

@@ -16,13 +16,13 @@ from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.checks import property_findings
 from ssp_eval.audit.doubles import TRACKS, hold_apart
-from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
+from ssp_eval.audit.evidence.evidence import expected_properties, outside_ranges, varying_parts
+from ssp_eval.audit.evidence.measure import Phases
+from ssp_eval.audit.evidence.reasons import Finding, Reason, explain
+from ssp_eval.audit.evidence.recording import Head, Recording, disclosed, read_head, read_recording
+from ssp_eval.audit.evidence.visibility import label_sizes
 from ssp_eval.audit.examine import Examination, examine
-from ssp_eval.audit.measure import Phases
-from ssp_eval.audit.reasons import Finding, Reason, explain
-from ssp_eval.audit.recording import Head, Recording, disclosed, read_head, read_recording
 from ssp_eval.audit.server import server_disclosures
-from ssp_eval.audit.visibility import label_sizes
 from ssp_eval.data.audit import (
     EVENT_PHASES,
     FIELDS,

@@ -25,8 +25,8 @@ from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.templates import templates
 from ssp_core.world.camera import View, object_corners, project
 from ssp_eval import pages
+from ssp_eval.audit.evidence.reasons import TABLE
 from ssp_eval.audit.examine import Examination
-from ssp_eval.audit.reasons import TABLE
 from ssp_eval.data.audit import FIELDS, TOPOLOGY, Audit, PropertyEntry
 from ssp_eval.pages import jpeg_uri
 from ssp_eval.response.page import STYLE as RESPONSE_STYLE

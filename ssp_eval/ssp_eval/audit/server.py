@@ -10,7 +10,7 @@ from dataclasses import astuple
 from ssp_core.carla.address import CarlaAddress, parse_address
 from ssp_core.carla.probe_report import Outcome
 from ssp_core.carla.record import CarlaPlantRecord, CarlaScene
-from ssp_eval.audit.reasons import Finding
+from ssp_eval.audit.evidence.reasons import Finding
 from ssp_eval.data.provenance import CARLA, Provenance
 from ssp_eval.data.server import PROBE_FILE, ServerProbe
 

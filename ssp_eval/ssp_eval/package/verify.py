@@ -17,9 +17,9 @@ from ssp_core import __version__
 from ssp_core.errors import InputError
 from ssp_core.files.folders import check_folder
 from ssp_core.files.reading import parse_model
+from ssp_eval.audit.evidence.recording import Recording, read_recording
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.page import PagePictures, draw, render
-from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.data.audit import PAGE_FILE, Audit, RecordingEntry
 from ssp_eval.data.response import ResponseLimits
 from ssp_eval.package.contents import Contents, Index, Problem, missing_parts, nearest

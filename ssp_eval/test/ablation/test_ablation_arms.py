@@ -46,7 +46,7 @@ from ssp_eval.ablation.source import (
 )
 from ssp_eval.ablation.structure import by_structure
 from ssp_eval.ablation.tracks import by_tracks
-from ssp_eval.audit.measure import RoadFacts
+from ssp_eval.audit.evidence.measure import RoadFacts
 from ssp_ot_controller.camera.storyboards import LANE_M
 from ssp_scenario_manager.compile.compiler import checked_event, load_area
 from ssp_scenario_manager.compile.place import Order, realise

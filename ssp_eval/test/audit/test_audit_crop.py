@@ -14,9 +14,9 @@ from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.state_series import StateSeries
 from ssp_core.vocabulary import ControlState, Verdict
+from ssp_eval.audit.evidence.reasons import explain
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.audit.examine import Examination, examine
-from ssp_eval.audit.reasons import explain
-from ssp_eval.audit.recording import read_recording
 from ssp_eval.data.audit import phase_difference, phase_fraction
 from ssp_eval.recordings.event import Window, crop_of, phase_starts, rules_of
 from ssp_scenario_manager.event_spec.load import load_event

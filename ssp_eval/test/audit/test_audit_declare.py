@@ -15,8 +15,8 @@ from ssp_core.bag.seals.append import append_attachment
 from ssp_core.bag.seals.declaration import load_declaration, seal_declaration
 from ssp_core.cli import main
 from ssp_core.errors import InputError
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.audit.judge import judge
-from ssp_eval.audit.recording import read_recording
 from ssp_eval.data.audit import RecordingEntry
 from ssp_eval.data.provenance import Provenance, read_provenance
 

@@ -12,12 +12,12 @@ import pytest
 from observation_files import answers, changed, footage_of, seal
 
 from ssp_eval.audit import examine as examining
-from ssp_eval.audit.evidence import Difference, Evidence, Source, observed_differences
+from ssp_eval.audit.evidence.evidence import Difference, Evidence, Source, observed_differences
+from ssp_eval.audit.evidence.history import examine_history
+from ssp_eval.audit.evidence.measure import RoadFacts
+from ssp_eval.audit.evidence.recording import Recording, read_recording
 from ssp_eval.audit.examine import Examination, examine
-from ssp_eval.audit.history import examine_history
 from ssp_eval.audit.judge import judge
-from ssp_eval.audit.measure import RoadFacts
-from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.data.audit import ROLES, TOPOLOGY, Property
 from ssp_eval.data.provenance import ImportRecord
 from ssp_eval.observations.agreement import agree

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.audit.judge import judge
-from ssp_eval.audit.recording import read_recording
 
 
 def test_a_recording_whose_vut_was_led_by_a_driver_is_refused_for_that(

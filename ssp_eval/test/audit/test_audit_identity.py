@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from ssp_eval.audit.history import find_switches
+from ssp_eval.audit.evidence.history import find_switches
 from ssp_eval.recordings.states import WORLD, Sighting
 
 END_S = 10.0

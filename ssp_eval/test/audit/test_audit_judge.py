@@ -11,8 +11,8 @@ import pytest
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.audit.judge import judge, judge_files
-from ssp_eval.audit.recording import read_recording
 from ssp_scenario_manager.event_spec.load import load_event
 
 

@@ -12,15 +12,15 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.files.reading import parse_mapping, parse_model
 from ssp_core.run_file.model import RunSpec
-from ssp_eval.audit.examine import examine
-from ssp_eval.audit.judge import disclosures, order_remark
-from ssp_eval.audit.recording import (
+from ssp_eval.audit.evidence.recording import (
     BagAttachments,
     disclosed,
     read_attached,
     read_recording,
     site_changes,
 )
+from ssp_eval.audit.examine import examine
+from ssp_eval.audit.judge import disclosures, order_remark
 from ssp_scenario_manager.compile.compiler import LOGGED_AS
 from ssp_scenario_manager.event_spec.log import Record
 

@@ -17,9 +17,9 @@ from ssp_core.run_file.road import CurvePiece, Lane
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Intrinsics, Mounting
 from ssp_eval.audit.checks import further_findings
-from ssp_eval.audit.evidence import expected_properties, outside_ranges
-from ssp_eval.audit.measure import Measurements, Scene, measure
-from ssp_eval.audit.paths import Lanes
+from ssp_eval.audit.evidence.evidence import expected_properties, outside_ranges
+from ssp_eval.audit.evidence.measure import Measurements, Scene, measure
+from ssp_eval.audit.evidence.paths import Lanes
 from ssp_eval.data.audit import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY, is_equal
 from ssp_eval.recordings.sight import Moment, Optics, object_sight
 from ssp_scenario_manager.event_spec.load import load_event

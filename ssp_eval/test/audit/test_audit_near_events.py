@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from ssp_core.vocabulary import ObjectClass
-from ssp_eval.audit.measure import Scene, measure
+from ssp_eval.audit.evidence.measure import Scene, measure
 from ssp_ot_controller.camera.ring import VUT_ARM
 from tests.support.events.audit_scenes import (
     as_turn,

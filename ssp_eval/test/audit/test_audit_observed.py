@@ -17,8 +17,8 @@ from ssp_core.errors import InputError
 from ssp_core.files.writing import write_json, write_text
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.audit.judge import judge
-from ssp_eval.audit.recording import read_recording
 from ssp_eval.data.audit import RecordingEntry
 from ssp_eval.package.make import make_package
 from ssp_eval.package.verify import verify_package

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_eval.audit.reasons import TABLE, Finding, explain
+from ssp_eval.audit.evidence.reasons import TABLE, Finding, explain
 
 CODES = list(TABLE)
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "audit.md"

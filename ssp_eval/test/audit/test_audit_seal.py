@@ -17,7 +17,7 @@ from ssp_core.bag.seals.seal import read_seal
 from ssp_core.bag.seals.verdict import UNBOUND, leave_verdict
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import Verdict
-from ssp_eval.audit.recording import read_recording
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.labels.truth import read_source
 from tests.support.bags.seals import with_checksums
 

@@ -17,8 +17,8 @@ from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.run_file.road import Building, Sign
 from ssp_core.vocabulary import DOMAINS, ObjectClass
 from ssp_eval.audit import server
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.audit.judge import judge
-from ssp_eval.audit.recording import read_recording
 from ssp_eval.audit.server import server_disclosures, server_findings
 from ssp_eval.data.drawn import Redrawing
 from ssp_eval.data.provenance import (

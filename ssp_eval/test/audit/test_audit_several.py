@@ -16,10 +16,10 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import PHASES, ObjectClass
 from ssp_core.world.camera import Intrinsics, Mounting
 from ssp_eval.audit.checks import further_findings, property_findings
-from ssp_eval.audit.evidence import expected_properties, varying_parts
-from ssp_eval.audit.further import departures
-from ssp_eval.audit.measure import Measurements, RoadFacts, Scene, measure
-from ssp_eval.audit.reasons import explain
+from ssp_eval.audit.evidence.evidence import expected_properties, varying_parts
+from ssp_eval.audit.evidence.further import departures
+from ssp_eval.audit.evidence.measure import Measurements, RoadFacts, Scene, measure
+from ssp_eval.audit.evidence.reasons import explain
 from ssp_eval.data.audit import ROLES, TOPOLOGY, property_retention
 from ssp_eval.labels.propose import propose_by_plan
 from ssp_eval.labels.truth import Truth

@@ -17,10 +17,10 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
 from ssp_eval.audit.checks import version_findings
-from ssp_eval.audit.evidence import expected_properties, review_of
+from ssp_eval.audit.evidence.evidence import expected_properties, review_of
+from ssp_eval.audit.evidence.reasons import explain
+from ssp_eval.audit.evidence.recording import Recording, read_recording
 from ssp_eval.audit.examine import Examination, examine
-from ssp_eval.audit.reasons import explain
-from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.data.audit import FIELDS
 from ssp_eval.recordings.event import source_times
 from ssp_scenario_manager.event_spec.load import event_version, load_event, seal_event

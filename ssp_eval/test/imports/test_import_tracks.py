@@ -13,8 +13,8 @@ from foreign_recordings import TrackDay, jpeg, write_bag, write_table, write_vid
 
 from ssp_core.cli import main
 from ssp_core.motion.state import ObjectState
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.audit.judge import Judgement, judge
-from ssp_eval.audit.recording import read_recording
 from ssp_scenario_manager.event_spec.load import load_event
 
 DOMAINS = ("synthetic", "simulation", "physical")

@@ -14,8 +14,8 @@ from ssp_core.run_file.model import Camera
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.camera import Mounting, intrinsics
 from ssp_eval.audit.cli import show
+from ssp_eval.audit.evidence.visibility import label_sizes
 from ssp_eval.audit.page import PagePictures, render
-from ssp_eval.audit.visibility import label_sizes
 from ssp_eval.data.audit import LabelCount, LabelSize, load_audit
 from ssp_eval.data.labels import Label, Labels
 from ssp_eval.recordings.sight import Moment, Optics, object_height_px

@@ -14,8 +14,8 @@ from observation_files import NOW, answers, changed, footage_of, seal
 from ssp_core.errors import InputError
 from ssp_core.files.writing import write_json, write_text
 from ssp_core.run_file.model import load_run
+from ssp_eval.audit.evidence.recording import read_recording
 from ssp_eval.audit.judge import judge
-from ssp_eval.audit.recording import read_recording
 from ssp_eval.data.audit import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY
 from ssp_eval.observations.agreement import agree
 from ssp_eval.observations.files import (

@@ -16,9 +16,9 @@ from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_eval.audit.checks import phase_findings, property_findings
-from ssp_eval.audit.evidence import expected_properties, varying_parts
-from ssp_eval.audit.measure import Measurements, RoadFacts, Scene
-from ssp_eval.audit.reasons import explain
+from ssp_eval.audit.evidence.evidence import expected_properties, varying_parts
+from ssp_eval.audit.evidence.measure import Measurements, RoadFacts, Scene
+from ssp_eval.audit.evidence.reasons import explain
 from ssp_eval.data.audit import Property
 from ssp_eval.recordings.event import NO_RULES
 from ssp_ot_controller.camera.actors import curve_pieces

@@ -15,10 +15,10 @@ from itertools import pairwise
 from operator import attrgetter
 from typing import Literal
 
-from ssp_eval.audit.evidence import PHASES_FIELD, Subject, review_of, visibility_field
-from ssp_eval.audit.measure import Measurements, Phases
-from ssp_eval.audit.reasons import Finding
-from ssp_eval.audit.recording import Recording
+from ssp_eval.audit.evidence.evidence import PHASES_FIELD, Subject, review_of, visibility_field
+from ssp_eval.audit.evidence.measure import Measurements, Phases
+from ssp_eval.audit.evidence.reasons import Finding
+from ssp_eval.audit.evidence.recording import Recording
 from ssp_eval.data.audit import CoverageEntry, LabelSize, SightEntry
 from ssp_eval.observations.agreement import Agreement
 from ssp_eval.observations.model import Answers

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from ssp_eval.audit.evidence import Subject
-from ssp_eval.audit.reasons import Finding
+from ssp_eval.audit.evidence.evidence import Subject
+from ssp_eval.audit.evidence.reasons import Finding
 from ssp_eval.data.audit import PicturesEntry
 from ssp_eval.pictures.compare import PictureFigures, compare_pictures, plan_pairs
 from ssp_eval.pictures.footage import Float32, Footage, read_grey, read_small

@@ -14,8 +14,8 @@ from typing import Literal
 from ssp_core.motion.encounter import OBSERVABLE_LATERAL_MPS
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Series
-from ssp_eval.audit.further import ahead_m, gap_slack_m
-from ssp_eval.audit.paths import Lanes, Spot
+from ssp_eval.audit.evidence.further import ahead_m, gap_slack_m
+from ssp_eval.audit.evidence.paths import Lanes, Spot
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.scenarios.events.kinds import KINDS
 

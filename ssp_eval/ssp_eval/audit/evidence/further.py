@@ -15,7 +15,7 @@ from ssp_core.geometry import wrap_angle
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Series
 from ssp_core.vocabulary import PhaseWord
-from ssp_eval.audit.paths import Lanes, Spot
+from ssp_eval.audit.evidence.paths import Lanes, Spot
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.scenarios.further import cell_of
 

@@ -29,9 +29,9 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed, Series, states_of
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import MOTIONS, PhaseWord
-from ssp_eval.audit.further import ScriptEvidence, script_evidence
-from ssp_eval.audit.leaving import Leaving, leaving_of
-from ssp_eval.audit.paths import Lanes, Spot
+from ssp_eval.audit.evidence.further import ScriptEvidence, script_evidence
+from ssp_eval.audit.evidence.leaving import Leaving, leaving_of
+from ssp_eval.audit.evidence.paths import Lanes, Spot
 from ssp_eval.data.audit import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_eval.recordings.event import LOCATED_S, EventRules
 from ssp_eval.recordings.geometry import motion_word

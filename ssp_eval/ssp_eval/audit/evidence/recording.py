@@ -25,8 +25,8 @@ from ssp_core.names import CAMERA_IMAGE, PHASE_EVENT, SAFETY_EVENT, absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import Phase
-from ssp_eval.audit.measure import RoadFacts
-from ssp_eval.audit.reasons import Finding
+from ssp_eval.audit.evidence.measure import RoadFacts
+from ssp_eval.audit.evidence.reasons import Finding
 from ssp_eval.data.audit import ChangeEntry
 from ssp_eval.data.labels import Labels, load_labels
 from ssp_eval.data.provenance import (

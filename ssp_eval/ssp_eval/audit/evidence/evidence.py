@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ssp_eval.audit.measure import COMES_OPPOSITE, Measurements, Phases, comes_part
-from ssp_eval.audit.recording import Recording
+from ssp_eval.audit.evidence.measure import COMES_OPPOSITE, Measurements, Phases, comes_part
+from ssp_eval.audit.evidence.recording import Recording
 from ssp_eval.data.audit import (
     CONFLICT,
     FIELDS,

@@ -9,9 +9,9 @@ from itertools import combinations
 from operator import attrgetter
 
 from ssp_core.safety.codes import SafetyCode
-from ssp_eval.audit.evidence import Subject
-from ssp_eval.audit.reasons import Finding
-from ssp_eval.audit.recording import Recording, site_changes
+from ssp_eval.audit.evidence.evidence import Subject
+from ssp_eval.audit.evidence.reasons import Finding
+from ssp_eval.audit.evidence.recording import Recording, site_changes
 from ssp_eval.data.audit import ChangeEntry
 from ssp_eval.data.provenance import NO_VERDICT, LogDeclaration
 from ssp_eval.observations.agreement import Agreement

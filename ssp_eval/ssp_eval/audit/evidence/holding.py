@@ -9,7 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from statistics import median
 
-from ssp_eval.audit.further import HELD_SHARE, SPEED_TOLERANCE_MPS, ScriptEvidence, speeds_otherwise
+from ssp_eval.audit.evidence.further import (
+    HELD_SHARE,
+    SPEED_TOLERANCE_MPS,
+    ScriptEvidence,
+    speeds_otherwise,
+)
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.scenarios.events.kinds import KINDS
 
