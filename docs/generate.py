@@ -388,7 +388,7 @@ def times() -> str:
     world = "ssp_ot_controller/ssp_ot_controller/sil/pacing.py"
     body = "ssp_ot_controller/ssp_ot_controller/sil/world.py"
     manager = "ssp_scenario_manager/ssp_scenario_manager/ros/manager_node.py"
-    follow = "ssp_scenario_manager/ssp_scenario_manager/run/follow.py"
+    follow = "ssp_scenario_manager/ssp_scenario_manager/run/over_dds/follow.py"
     rows = [
         (
             "manager",

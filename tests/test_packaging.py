@@ -186,8 +186,8 @@ TABLES_OF_NAMES = [
     "ssp_scenario_manager/ssp_scenario_manager/cli/spec.py",
     "ssp_scenario_manager/ssp_scenario_manager/cli/spec_extract.py",
     "ssp_scenario_manager/ssp_scenario_manager/closed_loop/campaigns/seal.py",
-    "ssp_scenario_manager/ssp_scenario_manager/run/companions.py",
-    "ssp_scenario_manager/ssp_scenario_manager/run/over_dds.py",
+    "ssp_scenario_manager/ssp_scenario_manager/run/over_dds/companions.py",
+    "ssp_scenario_manager/ssp_scenario_manager/run/over_dds/session.py",
     "ssp_vla_bridge/ssp_vla_bridge/backend.py",
 ]
 MODULE_NAME = re.compile(rf"({'|'.join(sorted(OURS))})(\.\w+)+\.?(:\w*)?")

@@ -54,7 +54,7 @@ from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import Motion
 from ssp_msgs import msg
-from ssp_scenario_manager.run.over_dds import PROFILE
+from ssp_scenario_manager.run.over_dds.session import PROFILE
 
 HERE = Path(__file__).parent
 ROUNDS = 5 if LONG else 3

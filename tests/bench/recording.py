@@ -35,7 +35,7 @@ from ssp_core.host.children import die_with_parent
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
 from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
-from ssp_scenario_manager.run.over_dds import PROFILE
+from ssp_scenario_manager.run.over_dds.session import PROFILE
 
 HERE = Path(__file__).parent
 LOADS = (

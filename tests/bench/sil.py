@@ -21,7 +21,7 @@ from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectWord, Verdict
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.run.in_process import run_in_process, run_recorded
-from ssp_scenario_manager.run.over_dds import run_session
+from ssp_scenario_manager.run.over_dds.session import run_session
 from ssp_scenario_manager.run.sweep import for_one_process
 
 ROUNDS = 3

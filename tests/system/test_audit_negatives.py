@@ -31,7 +31,7 @@ EVENTS = ("cut_in", "vru_crossing")
 WITH_ROGUE = """
 import sys
 from ssp_core.cli import main
-from ssp_scenario_manager.run import over_dds
+from ssp_scenario_manager.run.over_dds import session as over_dds
 over_dds.NODE_MODULES["object_target"] = "rogue_target"
 sys.exit(main(sys.argv[1:]))
 """

@@ -26,8 +26,8 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.arming import ARM_FAILED
 from ssp_scenario_manager.compile.targets.folder import prepare_run
-from ssp_scenario_manager.run import over_dds as runner
 from ssp_scenario_manager.run.in_process import Record, result_json, run_in_process
+from ssp_scenario_manager.run.over_dds import session as runner
 from ssp_scenario_manager.run.sweep import for_one_process
 from tests.support.bags.messages import messages
 from tests.system.conftest import processes_of

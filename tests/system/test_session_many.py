@@ -15,7 +15,7 @@ from ssp_core.run_file.participants import Motion, ParticipantSpec
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.compile.compiler import Request, compile_task
-from ssp_scenario_manager.run.over_dds import run_session
+from ssp_scenario_manager.run.over_dds.session import run_session
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 

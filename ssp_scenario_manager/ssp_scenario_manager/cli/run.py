@@ -53,9 +53,9 @@ from ssp_scenario_manager.compile.task import (
     run_folder,
 )
 from ssp_scenario_manager.run import faults
-from ssp_scenario_manager.run.companions import DEFAULT_PORT, shadow_model
 from ssp_scenario_manager.run.junit import Case, write_junit
-from ssp_scenario_manager.run.live import LiveSetup, live_options
+from ssp_scenario_manager.run.over_dds.companions import DEFAULT_PORT, shadow_model
+from ssp_scenario_manager.run.over_dds.live import LiveSetup, live_options
 from ssp_scenario_manager.run.sweep import (
     for_one_process,
     is_sweep,
@@ -67,7 +67,7 @@ from ssp_scenario_manager.run.sweep import (
 from ssp_scenario_manager.session.run_script import RunOutcome
 
 if TYPE_CHECKING:
-    from ssp_scenario_manager.run.over_dds import RunResult
+    from ssp_scenario_manager.run.over_dds.session import RunResult
 
 DEFAULT_SITE = "boulevard"
 
@@ -344,7 +344,7 @@ def run(
         if junit is not None:
             write_junit(junit, "ssp run", [_case(spec, folder, result_fields)])
         return 0 if result_fields["verdict"] == "valid" else 1
-    from ssp_scenario_manager.run.over_dds import run_session
+    from ssp_scenario_manager.run.over_dds.session import run_session
 
     result = run_session(
         spec,

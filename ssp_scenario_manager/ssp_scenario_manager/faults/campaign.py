@@ -289,7 +289,7 @@ def _finished(folder: Path, key: str) -> list[str] | None:
 
 
 def _run_session(run: RunSpec, folder: Path, key: str) -> list[str]:
-    from ssp_scenario_manager.run.over_dds import run_session
+    from ssp_scenario_manager.run.over_dds.session import run_session
 
     for old in folder.iterdir():
         if old.name == TASK_FOLDER:

@@ -14,8 +14,8 @@ from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_scenario_manager.ros import runner_client
 from ssp_scenario_manager.ros.runner_client import StepwiseClient
-from ssp_scenario_manager.run import follow
-from ssp_scenario_manager.run.word import TypedWords
+from ssp_scenario_manager.run.over_dds import follow
+from ssp_scenario_manager.run.over_dds.word import TypedWords
 from ssp_scenario_manager.session.run_script import RunOutcome
 
 SPINS = 300

@@ -18,8 +18,8 @@ from ssp_core.safety.publishers import LINKS_FRESH_S
 from ssp_msgs.msg import BodyStatus, LinkStatus, LocalisationStatus, RecorderStatus
 from ssp_scenario_manager.ros import start_listener
 from ssp_scenario_manager.ros.start_listener import StartListener
-from ssp_scenario_manager.run.live import LiveSetup
-from ssp_scenario_manager.run.summary import summary
+from ssp_scenario_manager.run.over_dds.live import LiveSetup
+from ssp_scenario_manager.run.over_dds.summary import summary
 from ssp_scenario_manager.sros2 import rights
 
 

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 from ssp_core.host.environment import session_environment
-from ssp_scenario_manager.run.over_dds import NODE_MODULES
+from ssp_scenario_manager.run.over_dds.session import NODE_MODULES
 
 THREADS = """
 import importlib

@@ -10,7 +10,7 @@ import pytest
 from ssp_core import names
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import Verdict
-from ssp_scenario_manager.run.processor_waits import (
+from ssp_scenario_manager.run.over_dds.processor_waits import (
     ProcessorWaits,
     waited_ns,
     with_busy_machine,

@@ -19,7 +19,7 @@ from ssp_core.run_file.values import SiteDatum
 from ssp_scenario_manager.cli.doctor import doctor
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.task import as_live, check_live
-from ssp_scenario_manager.run.live import LiveSetup, describe, doctor_command
+from ssp_scenario_manager.run.over_dds.live import LiveSetup, describe, doctor_command
 
 
 def options(**given: Any) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from ssp_core.host.processes import ProcessGroup
 from ssp_core.run_file.verdict import EndWord
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.cli.run import run
-from ssp_scenario_manager.run import companions
+from ssp_scenario_manager.run.over_dds import companions
 from tests.support.processes.waiting import until
 
 STAND_IN = """

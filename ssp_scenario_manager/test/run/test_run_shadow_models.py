@@ -15,9 +15,9 @@ from ssp_core.errors import InputError
 from ssp_core.names import MONITOR, absolute, declared_topic
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.run_file.participation import declaring
-from ssp_scenario_manager.run import over_dds
-from ssp_scenario_manager.run.companions import RECORDED, Companion, shadow_model
-from ssp_scenario_manager.run.live import LiveSetup
+from ssp_scenario_manager.run.over_dds import session as over_dds
+from ssp_scenario_manager.run.over_dds.companions import RECORDED, Companion, shadow_model
+from ssp_scenario_manager.run.over_dds.live import LiveSetup
 from tests.support.runs import cut_in_run
 
 

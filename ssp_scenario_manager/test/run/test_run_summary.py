@@ -12,8 +12,8 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.arming import Facts
 from ssp_core.safety.body_status import BodyStatus, known_bodies
 from ssp_core.vocabulary import ControlState
-from ssp_scenario_manager.run.live import LiveSetup
-from ssp_scenario_manager.run.summary import (
+from ssp_scenario_manager.run.over_dds.live import LiveSetup
+from ssp_scenario_manager.run.over_dds.summary import (
     LOST_S,
     PROMPT,
     PromptFacts,

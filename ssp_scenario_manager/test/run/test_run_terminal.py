@@ -12,8 +12,8 @@ from unittest.mock import MagicMock
 import pytest
 
 from ssp_core.run_file.model import RunSpec
-from ssp_scenario_manager.run import over_dds
-from ssp_scenario_manager.run.live import LiveSetup
+from ssp_scenario_manager.run.over_dds import session as over_dds
+from ssp_scenario_manager.run.over_dds.live import LiveSetup
 from tests.support.processes.waiting import DEADLINE_S, until
 from tests.support.runs import cut_in_run
 

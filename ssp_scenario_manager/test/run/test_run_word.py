@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 from ssp_core.clock import seconds_to_ns
-from ssp_scenario_manager.run.word import HOLDS_S, PASTE_S, TypedWords, Word, word_of
+from ssp_scenario_manager.run.over_dds.word import HOLDS_S, PASTE_S, TypedWords, Word, word_of
 from tests.support.processes.waiting import DEADLINE_S
 
 S = 1_000_000_000

@@ -15,7 +15,7 @@ from typing import Any
 from ssp_core.clock import ns_to_seconds
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.stopping import stopping_of
-from ssp_scenario_manager.run.processor_waits import waited_ns
+from ssp_scenario_manager.run.over_dds.processor_waits import waited_ns
 
 MANAGERS, OBJECTS = "10.77.0.1", "10.77.0.2"
 # A busy machine may run a process that late; the bound itself knows of no such thing.

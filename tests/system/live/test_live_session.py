@@ -18,7 +18,7 @@ import pytest
 
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.compile.task import RUN_FILE
-from ssp_scenario_manager.run.word import HOLDS_S
+from ssp_scenario_manager.run.over_dds.word import HOLDS_S
 from tests.system.live.conftest import ASKS, DATUM, GNSS, ODOMETRY
 
 PORT = 18000

@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.system]
 SSP = """
 import sys
 from ssp_core import cli
-from ssp_scenario_manager.run import follow, over_dds
+from ssp_scenario_manager.run.over_dds import follow, session as over_dds
 follow.OTHERS_S = 1.0
 """
 RUN = "cli.entry()"

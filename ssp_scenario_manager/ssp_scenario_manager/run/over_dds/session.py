@@ -33,15 +33,15 @@ from ssp_core.run_file.session_token import draw_token
 from ssp_core.run_file.verdict import RESULT_FILE, EndWord, read_verdict
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run import faults
-from ssp_scenario_manager.run.companions import (
+from ssp_scenario_manager.run.over_dds.companions import (
     RECORDED,
     Companion,
     beside,
     given_token,
     page_companion,
 )
-from ssp_scenario_manager.run.follow import Interrupt, SessionOutcome, follow, obituary
-from ssp_scenario_manager.run.live import LiveSetup, describe
+from ssp_scenario_manager.run.over_dds.follow import Interrupt, SessionOutcome, follow, obituary
+from ssp_scenario_manager.run.over_dds.live import LiveSetup, describe
 from ssp_scenario_manager.run.report import measured
 from ssp_scenario_manager.run.result import happened_by, misses, participation_by, result_keys
 from ssp_scenario_manager.session.run_script import RunOutcome

@@ -15,8 +15,8 @@ from ssp_core.run_file.participation import Participation
 from ssp_core.safety.arming import Facts
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.start_heading import UNKNOWN_AT_REST
-from ssp_scenario_manager.run.live import LiveSetup
-from ssp_scenario_manager.run.word import ABORT, HOLDS_S, START
+from ssp_scenario_manager.run.over_dds.live import LiveSetup
+from ssp_scenario_manager.run.over_dds.word import ABORT, HOLDS_S, START
 from ssp_scenario_manager.session.preconditions import FRESH_S
 from ssp_scenario_manager.session.run import blind_text
 

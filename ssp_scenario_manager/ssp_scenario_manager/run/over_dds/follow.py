@@ -24,14 +24,14 @@ from ssp_scenario_manager.ros.fault_injector import FaultEndpoints
 from ssp_scenario_manager.ros.runner_client import RunClient, StepwiseClient
 from ssp_scenario_manager.ros.start_listener import StartListener
 from ssp_scenario_manager.run import faults
-from ssp_scenario_manager.run.live import LiveSetup
-from ssp_scenario_manager.run.processor_waits import (
+from ssp_scenario_manager.run.over_dds.live import LiveSetup
+from ssp_scenario_manager.run.over_dds.processor_waits import (
     ProcessorWaits,
     waited_ns,
     with_busy_machine,
 )
-from ssp_scenario_manager.run.summary import PROMPT, PromptFacts, connected, summary
-from ssp_scenario_manager.run.word import ABORT, HOLDS_S, TypedWords, Word
+from ssp_scenario_manager.run.over_dds.summary import PROMPT, PromptFacts, connected, summary
+from ssp_scenario_manager.run.over_dds.word import ABORT, HOLDS_S, TypedWords, Word
 from ssp_scenario_manager.session.run_script import RunOutcome
 
 # Seven processes start at once, which a busy host may delay.
